@@ -1,0 +1,1 @@
+"""Chips and wire: packets, fact tables, bus, start-up, executor. Knows counts, steps and ns; no mm and no G-code."""
