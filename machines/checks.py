@@ -1,0 +1,124 @@
+"""Rules of a machine file that span several tables, on the raw TOML values.
+
+They run beside the checks of single keys, not after them, so that a file's mistakes all come out at once. Values of
+the wrong type are skipped here: the schema reports them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from machines.arith import evaluate
+
+Found = tuple[tuple[str, ...], str, str]
+"""Key path, message, hint."""
+
+AXIS_NAMES = "XYZABCUVW"
+_MAX_STEPS_S = 50_000  # PIC-STEP data sheet, section 1.0
+
+
+def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
+    """Every mistake that no single table shows."""
+    yield from _axis_names(data)
+    yield from _buses(data)
+    yield from _addresses(data)
+    yield from _rates(data)
+    yield from _references(data)
+
+
+def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = data.get(name, {})
+    return table if isinstance(table, dict) else {}
+
+
+def _members(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], Mapping[str, Any]]]:
+    """All that hangs on a bus: axes, further motors, other modules."""
+    for section in ("axis", "motor", "module"):
+        for name, table in _table(data, section).items():
+            if isinstance(table, dict):
+                yield (section, name), table
+
+
+def _axis_names(data: Mapping[str, Any]) -> Iterator[Found]:
+    for name in _table(data, "axis"):
+        if len(name) != 1 or name not in AXIS_NAMES:
+            hint = f"did you mean [axis.{name.upper()}]?" if name.upper() in AXIS_NAMES and len(name) == 1 else ""
+            yield ("axis", name), f"an axis is one of the letters {' '.join(AXIS_NAMES)}", hint
+
+
+def _buses(data: Mapping[str, Any]) -> Iterator[Found]:
+    buses = _table(data, "bus")
+    for path, table in _members(data):
+        bus = table.get("bus")
+        if isinstance(bus, str) and bus not in buses:
+            known = ", ".join(buses) or "none"
+            yield (*path, "bus"), f"there is no [bus.{bus}]", f"buses of this file: {known}"
+
+
+def _addresses(data: Mapping[str, Any]) -> Iterator[Found]:
+    """Addresses of a bus must be 1..n: they are given along the chain at start-up, without gaps."""
+    taken: dict[str, dict[int, str]] = {}
+    for path, table in _members(data):
+        bus, address = table.get("bus"), _integer(table.get("address"))
+        if not isinstance(bus, str) or address is None:
+            continue
+        here = taken.setdefault(bus, {})
+        if address in here:
+            message = f"address {address} of bus {bus} is already that of {here[address]}"
+            yield (*path, "address"), message, "every module of a bus has its own address"
+        else:
+            here[address] = ".".join(path)
+    for bus, here in taken.items():
+        missing = sorted(set(range(1, max(here) + 1)) - set(here))
+        if missing and max(here) <= 127:
+            gap = ", ".join(map(str, missing))
+            message = f"no module of bus {bus} has address {gap}"
+            yield (
+                (*here[max(here)].split("."), "address"),
+                message,
+                "addresses follow the chain: 1, 2, 3 ... without gaps",
+            )
+
+
+def _rates(data: Mapping[str, Any]) -> Iterator[Found]:
+    """A PIC-STEP gives at most 50,000 steps a second."""
+    for name, table in _table(data, "axis").items():
+        if not isinstance(table, dict) or table.get("chip") != "pic-step":
+            continue
+        velocity, scale = _number(table.get("max_velocity")), _number(table.get("steps_per_unit"))
+        if velocity is None or scale is None or velocity * scale <= _MAX_STEPS_S:
+            continue
+        message = f"{velocity:g} a second at {scale:g} steps each are {velocity * scale:,.0f} steps/s"
+        yield ("axis", name, "max_velocity"), message, f"a PIC-STEP gives at most {_MAX_STEPS_S:,} steps/s"
+
+
+def _references(data: Mapping[str, Any]) -> Iterator[Found]:
+    axes, motors = _table(data, "axis"), _table(data, "motor")
+    for name, table in motors.items():
+        axis = table.get("axis") if isinstance(table, dict) else None
+        if isinstance(axis, str) and axis not in axes:
+            yield (
+                ("motor", name, "axis"),
+                f"there is no [axis.{axis}]",
+                f"axes of this file: {', '.join(axes) or 'none'}",
+            )
+        if name in axes:
+            yield ("motor", name), f"[axis.{name}] is already a motor of that name", "name it e.g. Y2"
+    for name in _table(_table(data, "sim"), "axis"):
+        if name not in axes and name not in motors:
+            yield ("sim", "axis", name), f"there is no axis or motor {name}", ""
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, str):
+        try:
+            return evaluate(value)
+        except ValueError:
+            return None
+    return float(value) if type(value) in (int, float) else None
+
+
+def _integer(value: Any) -> int | None:
+    found = _number(value)
+    return int(found) if found is not None and found == round(found) and 1 <= found <= 255 else None

@@ -1,0 +1,237 @@
+"""What a machine file may say: one frozen model a table, an unknown key is an error.
+
+Lengths are in mm (degrees on rotary axes), times in s, unless a key's own name says otherwise. Every number may be
+arithmetic in a string (``arith.py``). ``load.py`` turns a file into a :class:`MachineConfig` with all of its errors at
+once; rules that span several tables are in ``checks.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from machines.arith import number, whole
+
+Number = Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)]
+Positive = Annotated[float, BeforeValidator(number), Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, BeforeValidator(number), Field(ge=0, allow_inf_nan=False)]
+Byte = Annotated[int, BeforeValidator(whole), Field(ge=0, le=255)]
+Address = Annotated[int, BeforeValidator(whole), Field(ge=1, le=127)]
+Integer = Annotated[int, BeforeValidator(whole)]
+CountLatch = Literal["rollover", "immediate", "unknown"]
+Chip = Literal["pic-step", "pic-servo", "cy545"]
+
+CHIPS = ("pic-step", "pic-servo", "cy545")
+BAUDS = (9600, 19200, 57600, 115200)
+"""The rates both NMC data sheets list under Set Baud Rate."""
+
+
+class Table(BaseModel):
+    """Base of all tables: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class MachineTable(Table):
+    """``[machine]``. ``path_tolerance``: mm, what G64 without P means."""
+
+    name: str = Field(min_length=1)
+    kinematics: Literal["cartesian"] = "cartesian"
+    path_tolerance: Positive = 0.01
+
+
+class BusTable(Table):
+    """``[bus.NAME]``. ``port``: ``sim`` or a serial port. ``host_jitter_ms``: the host's own delay, at most."""
+
+    port: str = Field(default="sim", min_length=1)
+    baud: Annotated[int, BeforeValidator(whole)] = 115200
+    host_jitter_ms: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _listed_baud(self) -> BusTable:
+        if self.baud not in BAUDS:
+            raise ValueError(f"baud {self.baud} is not one that the chips list: {', '.join(map(str, BAUDS))}")
+        return self
+
+
+class HomeTable(Table):
+    """``[axis.X.home]``: seek ``switch`` in ``direction``, then its place is ``position`` in machine coordinates.
+
+    ``velocity``: of the first approach; ``slow_velocity``: of the second, after backing off by ``backoff``.
+    """
+
+    switch: Literal["limit1", "limit2", "home", "index"] = "home"
+    direction: Literal["positive", "negative"] = "negative"
+    velocity: Positive = 10.0
+    slow_velocity: Positive = 1.0
+    backoff: Positive = 2.0
+    position: Number = 0.0
+
+
+class StepTable(Table):
+    """``[axis.X.step]``: what Set Parameters of a PIC-STEP is told (data sheet section 5.1).
+
+    ``speed_mode`` auto takes the slowest of 1x, 2x, 4x, 8x that reaches ``max_velocity``.
+    """
+
+    speed_mode: Literal["auto", "1x", "2x", "4x", "8x"] = "auto"
+    minimum_speed: Annotated[int, BeforeValidator(whole), Field(ge=1, le=250)] = 1
+    running_current: Byte = 128
+    holding_current: Byte = 64
+    thermal_limit: Byte = 0
+    limit_autostop: bool = True
+    estop: bool = True
+    motor_off_on_stop: bool = False
+
+
+class ServoTable(Table):
+    """``[axis.X.servo]``: what Set Gain of a PIC-SERVO is told (data sheet section 5.2)."""
+
+    kp: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)]
+    kd: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)]
+    ki: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)] = 0
+    integration_limit: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)] = 0
+    output_limit: Byte = 255
+    current_limit: Byte = 0
+    position_error_limit: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x3FFF)] = 0x3FFF
+    servo_rate_divisor: Annotated[int, BeforeValidator(whole), Field(ge=1, le=255)] = 1
+    deadband: Byte = 0
+
+
+class AxisKeys(Table):
+    """What an axis may do, whatever drives it. ``travel``: least and greatest machine coordinate."""
+
+    max_velocity: Positive
+    max_acceleration: Positive
+    max_jerk: Positive | None = None
+    pull_in_velocity: NotNegative = 0.0
+    travel: tuple[Number, Number]
+    home: HomeTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _travel_is_a_pair(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("travel"), list):
+            return data | {"travel": tuple(data["travel"])}
+        return data
+
+    @model_validator(mode="after")
+    def _travel_ascends(self) -> AxisKeys:
+        if self.travel[0] >= self.travel[1]:
+            raise ValueError("travel must be [least, greatest]")
+        return self
+
+
+class MotorKeys(Table):
+    """Where an NMC chip hangs: ``address`` counts the chain, 1 is the module farthest from the host."""
+
+    bus: str
+    address: Address
+
+
+class StepMotorTable(MotorKeys):
+    """A motor behind a PIC-STEP. ``count_latch``: when a count loaded while moving takes effect, as measured."""
+
+    chip: Literal["pic-step"]
+    steps_per_unit: Positive
+    count_latch: CountLatch = "unknown"
+    step: StepTable = StepTable()
+
+
+class ServoMotorTable(MotorKeys):
+    """A motor behind a PIC-SERVO."""
+
+    chip: Literal["pic-servo"]
+    counts_per_unit: Positive
+    servo: ServoTable
+
+
+class Cy545MotorTable(Table):
+    """A motor behind a CY545: a serial port of its own (``bus``), no address. ``rate_table``: a CSV file."""
+
+    chip: Literal["cy545"]
+    bus: str
+    steps_per_unit: Positive
+    rate_table: str = "stand-in"
+
+
+class StepAxis(AxisKeys, StepMotorTable):
+    """``[axis.X]`` that is its own first motor, a PIC-STEP."""
+
+
+class ServoAxis(AxisKeys, ServoMotorTable):
+    """``[axis.X]`` that is its own first motor, a PIC-SERVO."""
+
+
+class Cy545Axis(AxisKeys, Cy545MotorTable):
+    """``[axis.A]`` that is its own only motor, a CY545."""
+
+
+class StepExtra(StepMotorTable):
+    """``[motor.Y2]``: a further motor of ``axis``."""
+
+    axis: str
+
+
+class ServoExtra(ServoMotorTable):
+    """``[motor.Y2]``: a further motor of ``axis``."""
+
+    axis: str
+
+
+class ModuleTable(MotorKeys):
+    """``[module.NAME]``: a module of a bus that moves no axis."""
+
+    chip: Literal["pic-io"]
+
+
+def _chip(value: Any) -> str:
+    """The tag of the union: the chip named, or one that lets the missing or wrong name be reported."""
+    chip = value.get("chip") if isinstance(value, dict) else getattr(value, "chip", None)
+    return chip if isinstance(chip, str) else "missing"
+
+
+AnyAxis = Annotated[
+    Annotated[StepAxis, Tag("pic-step")] | Annotated[ServoAxis, Tag("pic-servo")] | Annotated[Cy545Axis, Tag("cy545")],
+    Discriminator(_chip),
+]
+AnyMotor = Annotated[
+    Annotated[StepExtra, Tag("pic-step")] | Annotated[ServoExtra, Tag("pic-servo")], Discriminator(_chip)
+]
+
+
+class SimMotor(Table):
+    """``[sim.axis.X]``: what the twin adds to the motor of that name, places in machine coordinates.
+
+    ``limit1_at``, ``limit2_at``: the limit switch closes at and beyond that place; ``home_at``: the home switch closes
+    at and below it. ``crystal_ppm``: the module's own crystal error, instead of one drawn.
+    """
+
+    crystal_ppm: Number | None = None
+    limit1_at: Number | None = None
+    limit2_at: Number | None = None
+    home_at: Number | None = None
+
+
+class SimTable(Table):
+    """``[sim]``. Random times are drawn between 0 and the value, crystals within plus or minus ``crystal_ppm``."""
+
+    seed: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 1
+    host_jitter_ms: NotNegative = 0.0
+    crystal_ppm: NotNegative = 0.0
+    start_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
+    reply_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
+    count_latch: Literal["rollover", "immediate"] = "rollover"
+    axis: dict[str, SimMotor] = {}
+
+
+class MachineConfig(Table):
+    """A whole machine file."""
+
+    machine: MachineTable
+    bus: dict[str, BusTable] = Field(min_length=1)
+    axis: dict[str, AnyAxis] = Field(min_length=1)
+    motor: dict[str, AnyMotor] = {}
+    module: dict[str, ModuleTable] = {}
+    sim: SimTable = SimTable()
