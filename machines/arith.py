@@ -69,3 +69,10 @@ def whole(value: object) -> object:
             raise ValueError(f"{value:g} is not a whole number")
         return int(value)
     return value
+
+
+def nonzero(value: float) -> float:
+    """Refuse zero: a scale may be negative, never nothing."""
+    if value == 0:
+        raise ValueError("must not be zero")
+    return value

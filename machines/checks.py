@@ -87,9 +87,9 @@ def _rates(data: Mapping[str, Any]) -> Iterator[Found]:
         if not isinstance(table, dict) or table.get("chip") != "pic-step":
             continue
         velocity, scale = _number(table.get("max_velocity")), _number(table.get("steps_per_unit"))
-        if velocity is None or scale is None or velocity * scale <= _MAX_STEPS_S:
+        if velocity is None or scale is None or abs(velocity * scale) <= _MAX_STEPS_S:
             continue
-        message = f"{velocity:g} a second at {scale:g} steps each are {velocity * scale:,.0f} steps/s"
+        message = f"{velocity:g} a second at {scale:g} steps each are {abs(velocity * scale):,.0f} steps/s"
         yield ("axis", name, "max_velocity"), message, f"a PIC-STEP gives at most {_MAX_STEPS_S:,} steps/s"
 
 

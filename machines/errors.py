@@ -22,6 +22,10 @@ class ConfigError:
         what = f"{self.key}: {self.message}" if self.key else self.message
         return f"{place}: error: {what}" + (f"\n    hint: {self.hint}" if self.hint else "")
 
+    def as_json(self) -> dict[str, str | int | None]:
+        """The fields by name."""
+        return {"file": self.file, "line": self.line, "key": self.key, "message": self.message, "hint": self.hint}
+
 
 class MachineError(Exception):
     """A machine file cannot be used; ``errors`` has all of its mistakes in the order of the file."""

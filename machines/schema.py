@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from machines.arith import number, whole
+from machines.arith import nonzero, number, whole
 
 Number = Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)]
 Positive = Annotated[float, BeforeValidator(number), Field(gt=0, allow_inf_nan=False)]
+Scale = Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False), AfterValidator(nonzero)]
 NotNegative = Annotated[float, BeforeValidator(number), Field(ge=0, allow_inf_nan=False)]
 Byte = Annotated[int, BeforeValidator(whole), Field(ge=0, le=255)]
 Address = Annotated[int, BeforeValidator(whole), Field(ge=1, le=127)]
@@ -131,10 +132,14 @@ class MotorKeys(Table):
 
 
 class StepMotorTable(MotorKeys):
-    """A motor behind a PIC-STEP. ``count_latch``: when a count loaded while moving takes effect, as measured."""
+    """A motor behind a PIC-STEP.
+
+    ``steps_per_unit``: negative turns the motor round. ``count_latch``: when a count loaded while moving takes effect,
+    as measured on this module.
+    """
 
     chip: Literal["pic-step"]
-    steps_per_unit: Positive
+    steps_per_unit: Scale
     count_latch: CountLatch = "unknown"
     step: StepTable = StepTable()
 
@@ -143,7 +148,7 @@ class ServoMotorTable(MotorKeys):
     """A motor behind a PIC-SERVO."""
 
     chip: Literal["pic-servo"]
-    counts_per_unit: Positive
+    counts_per_unit: Scale
     servo: ServoTable
 
 
@@ -152,7 +157,7 @@ class Cy545MotorTable(Table):
 
     chip: Literal["cy545"]
     bus: str
-    steps_per_unit: Positive
+    steps_per_unit: Scale
     rate_table: str = "stand-in"
 
 

@@ -1,0 +1,5 @@
+"""``python -m groupstart``."""
+
+from groupstart.cli import main
+
+main()

@@ -1,0 +1,75 @@
+"""One command, ``groupstart``, with verbs. Exit status 0 good, 1 refused or bad verdict, 2 fault of the environment.
+
+A verb's module is imported when the verb is called, so ``groupstart --help`` costs no more than click itself.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+import click
+
+from groupstart.exits import EXIT_FAULT, VerbError
+
+VERBS: dict[str, str] = {
+    "check": "Parse and interpret a program; print every error with its place.",
+    "canon": "Print a program's canonical commands as text.",
+    "plan": "Plan a program's motion; print the report, write plan.npz.",
+    "preview": "Draw the path of a program.",
+    "verify": "Run a program on the simulated machine and judge it.",
+    "run": "Run a program: on the simulated machine, or on a port.",
+    "machines": "List, show and check machine files.",
+    "dump": "Decode captured bus bytes into packets.",
+}
+"""Verb: its one line of help. The module ``groupstart.verbs.<verb>`` has a click command ``command``."""
+
+
+class LazyGroup(click.Group):
+    """A click group that imports the module of a verb only when that verb is wanted."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Verbs in the order of the work."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the verb's module."""
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = importlib.import_module(f"groupstart.verbs.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs without importing them."""
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="groupstart", message="%(version)s")
+def cli() -> None:
+    """G-code in, coordinated motion of NMC chips out, checked first on a lockstep simulator."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit status; no traceback for what the user can cure."""
+    try:
+        status = cli.main(arguments, prog_name="groupstart", standalone_mode=False)
+    except VerbError as error:
+        click.echo(error.text, err=True)
+        status = error.status
+    except click.ClickException as error:
+        error.show()
+        status = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        status = EXIT_FAULT
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has left; nobody is there to tell
+        status = EXIT_FAULT
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        click.echo(f"{place}{error.strerror or error}", err=True)
+        status = EXIT_FAULT
+    sys.exit(status if isinstance(status, int) else 0)
