@@ -226,7 +226,7 @@ class SimTable(Table):
     host_jitter_ms: NotNegative = 0.0
     crystal_ppm: NotNegative = 0.0
     start_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
-    reply_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
+    reply_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.5
     count_latch: Literal["rollover", "immediate"] = "rollover"
     axis: dict[str, SimMotor] = {}
 

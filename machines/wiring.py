@@ -1,0 +1,118 @@
+"""The composition root's dictionary: what a machine file says, in the words of each room.
+
+planner gets limits and motors, sim gets modules, nmc gets what it must find on each bus. Nothing is decided here that
+the file does not say, except the speed mode of a PIC-STEP that is left to ``auto``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcode.canon import AXES
+from machines.schema import MachineConfig, SimMotor, StepMotorTable
+from machines.travel import Travel
+from planner.motors import StepMotor
+from planner.quantize import speed_mode_for
+from planner.types import Limits
+from sim.spec import BusSpec, StepModule, Switch
+
+NS_PER_MS = 1_000_000
+
+
+def planned_axes(config: MachineConfig) -> tuple[str, ...]:
+    """Axes of the machine in the order of the canonical commands."""
+    return tuple(axis for axis in AXES if axis in config.axis)
+
+
+def planner_limits(config: MachineConfig) -> Limits:
+    """What planner may ask of the axes."""
+    axes = planned_axes(config)
+    tables = [config.axis[axis] for axis in axes]
+    jerks = [table.max_jerk for table in tables]
+    known = [jerk for jerk in jerks if jerk is not None]
+    return Limits(
+        axes=axes,
+        velocity=np.array([table.max_velocity for table in tables]),
+        acceleration=np.array([table.max_acceleration for table in tables]),
+        tolerance_mm=config.machine.path_tolerance,
+        jerk=np.array([np.inf if jerk is None else jerk for jerk in jerks]) if known else None,
+    )
+
+
+def travel(config: MachineConfig) -> Travel:
+    """Soft limits of each axis, machine coordinates."""
+    return {axis: config.axis[axis].travel for axis in planned_axes(config)}
+
+
+def motor_tables(config: MachineConfig) -> dict[str, tuple[str, StepMotorTable]]:
+    """PIC-STEP motors by name, each with the axis it follows: the axes' own first motors, then the further ones."""
+    found: dict[str, tuple[str, StepMotorTable]] = {}
+    for axis in planned_axes(config):
+        table = config.axis[axis]
+        if isinstance(table, StepMotorTable):
+            found[axis] = (axis, table)
+    for name, extra in config.motor.items():
+        if isinstance(extra, StepMotorTable):
+            found[name] = (extra.axis, extra)
+    return found
+
+
+def step_motors(config: MachineConfig) -> list[StepMotor]:
+    """Motors as planner lowers to them."""
+    buses = list(config.bus)
+    return [
+        StepMotor(
+            name=name,
+            axis=axis,
+            bus=buses.index(table.bus),
+            address=table.address,
+            steps_per_unit=table.steps_per_unit,
+            speed_mode=speed_mode(config, axis, table),
+        )
+        for name, (axis, table) in motor_tables(config).items()
+    ]
+
+
+def speed_mode(config: MachineConfig, axis: str, table: StepMotorTable) -> int:
+    """Speed mode 1, 2, 4 or 8: the file's, or the lowest that reaches the axis's greatest velocity."""
+    if table.step.speed_mode != "auto":
+        return int(table.step.speed_mode.removesuffix("x"))
+    return speed_mode_for(abs(config.axis[axis].max_velocity * table.steps_per_unit))
+
+
+def bus_specs(config: MachineConfig) -> list[BusSpec]:
+    """The simulated modules of every bus, in chain order."""
+    sim = config.sim
+    modules: dict[str, dict[int, StepModule]] = {bus: {} for bus in config.bus}
+    for name, (_, table) in motor_tables(config).items():
+        plant = sim.axis.get(name, SimMotor())
+        modules[table.bus][table.address] = StepModule(
+            name=name,
+            crystal_ppm=plant.crystal_ppm or 0.0,
+            crystal_ppm_max=sim.crystal_ppm if plant.crystal_ppm is None else 0.0,
+            start_delay_max_ns=round(sim.start_delay_ms * NS_PER_MS),
+            reply_delay_max_ns=round(sim.reply_delay_ms * NS_PER_MS),
+            count_latch=sim.count_latch,
+            switches=tuple(_switches(plant, table.steps_per_unit)),
+        )
+    return [
+        BusSpec(
+            name=bus,
+            modules=tuple(module for _, module in sorted(modules[bus].items())),
+            host_jitter_max_ns=round(sim.host_jitter_ms * NS_PER_MS),
+        )
+        for bus in config.bus
+    ]
+
+
+def _switches(plant: SimMotor, steps_per_unit: float) -> list[Switch]:
+    """LIMIT1 ends forward steps and LIMIT2 reverse ones, so their places are in the motor's sense of direction."""
+    found: list[Switch] = []
+    if plant.limit1_at is not None:
+        found.append(Switch("limit1", round(plant.limit1_at * steps_per_unit), None))
+    if plant.limit2_at is not None:
+        found.append(Switch("limit2", None, round(plant.limit2_at * steps_per_unit)))
+    if plant.home_at is not None:
+        place = round(plant.home_at * steps_per_unit)
+        found.append(Switch("home", None, place) if steps_per_unit > 0 else Switch("home", place, None))
+    return found
