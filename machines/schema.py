@@ -231,6 +231,19 @@ class SimTable(Table):
     axis: dict[str, SimMotor] = {}
 
 
+class VerifyTable(Table):
+    """``[verify]``: what a run on the twin may show and still be called good.
+
+    ``contour_steps``: largest distance of the pins from the planned path; ``end_error_steps``: of each axis at the end;
+    simulated and planned time may differ by ``time_percent``, in any case by ``time_slack_s``.
+    """
+
+    contour_steps: NotNegative = 6.0
+    end_error_steps: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 0
+    time_percent: NotNegative = 1.0
+    time_slack_s: NotNegative = 0.05
+
+
 class MachineConfig(Table):
     """A whole machine file."""
 
@@ -240,3 +253,4 @@ class MachineConfig(Table):
     motor: dict[str, AnyMotor] = {}
     module: dict[str, ModuleTable] = {}
     sim: SimTable = SimTable()
+    verify: VerifyTable = VerifyTable()

@@ -1,0 +1,71 @@
+"""The folder of a run: what was run, on what, what was planned, what came out, and a journal written as it happens.
+
+Every line of the journal is flushed, so that after a crash or a power cut the folder tells how far the run came.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from io import TextIOWrapper
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+_MAX_SAME_SECOND = 1000
+
+
+class RunFolder:
+    """One run's folder; use it as a context so that the journal is closed. Raises OSError where the disk does."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._journal: TextIOWrapper = (path / "journal.jsonl").open("x", encoding="utf-8")
+
+    @classmethod
+    def create(cls, parent: Path, stamp: str, job: str) -> RunFolder:
+        """Make ``parent/<stamp>-<job>/``; a second run of the same second gets a number behind it."""
+        name = f"{stamp}-{safe_name(job)}"
+        parent.mkdir(parents=True, exist_ok=True)
+        for attempt in range(_MAX_SAME_SECOND):
+            path = parent / (name if attempt == 0 else f"{name}-{attempt + 1}")
+            try:
+                path.mkdir()
+            except FileExistsError:
+                continue
+            return cls(path)
+        raise FileExistsError(17, "too many runs of the same second", str(parent / name))
+
+    def write(self, name: str, text: str) -> Path:
+        """Write a text file of the run, line ends as they are."""
+        path = self.path / name
+        path.write_text(text, encoding="utf-8", newline="")
+        return path
+
+    def write_json(self, name: str, data: Mapping[str, Any]) -> Path:
+        """Write a JSON file of the run."""
+        return self.write(name, json.dumps(data, indent=2) + "\n")
+
+    def note(self, event: str, time_ns: int, **fields: Any) -> None:
+        """Add a line to the journal: what happened at which link time, with its particulars."""
+        self._journal.write(json.dumps({"time_ns": time_ns, "event": event, **fields}) + "\n")
+        self._journal.flush()
+
+    def close(self) -> None:
+        """Close the journal."""
+        self._journal.close()
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def safe_name(job: str) -> str:
+    """A job's name as part of a folder's name: letters, digits, dot, dash, underscore."""
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(job).stem).strip("._")
+    return stem[:60] or "job"

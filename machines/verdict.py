@@ -1,0 +1,98 @@
+"""The verdict of a run: planned against simulated, in the fields that ``verify --json`` prints.
+
+On the simulated machine everything is known; on a port only what the chips tell (end positions, bus and late slices).
+What is not known is None, and is left out of the judgement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from machines.schema import VerifyTable
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Largest value, 99.9 % quantile and root mean square."""
+
+    max: float
+    p999: float
+    rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class BusUse:
+    """Packets sent, bytes both ways, share of the run in which the wire was busy, mean length of a slice."""
+
+    packets: int
+    bytes: int
+    utilisation: float
+    slice_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """Greatest velocity, acceleration and jerk that an axis was asked for (mm/s, mm/s2, mm/s3; deg on rotary axes)."""
+
+    velocity: float
+    acceleration: float
+    jerk: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """All that is known of a finished run. Times s, lengths um or steps as named; None: not known on this machine."""
+
+    ok: bool
+    machine: str
+    axes: tuple[str, ...]
+    plan_time_s: float
+    sim_time_s: float | None
+    contour_um: Spread | None
+    contour_steps: Spread | None
+    program_um: float | None
+    lag_ms: tuple[float, float] | None
+    end_error_steps: dict[str, int]
+    worst_line: int | None
+    late_slices: int
+    violations: dict[str, int]
+    bus: BusUse
+    peak: dict[str, Peak]
+    limits: dict[str, Peak]
+    reasons: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields as ``verify --json`` prints them."""
+        data = asdict(self)
+        data["axes"] = list(self.axes)
+        data["reasons"] = list(self.reasons)
+        data["program_um"] = None if self.program_um is None else {"max": self.program_um}
+        data["lag_ms"] = None if self.lag_ms is None else {"max": self.lag_ms[0], "rms": self.lag_ms[1]}
+        return data
+
+
+def reasons_against(
+    rule: VerifyTable,
+    *,
+    plan_time_s: float,
+    sim_time_s: float | None,
+    contour_steps: Spread | None,
+    end_error_steps: Mapping[str, int],
+    violations: Mapping[str, int],
+) -> tuple[str, ...]:
+    """Every reason to call a run bad, in words; none: the run is good."""
+    found: list[str] = []
+    for axis, error in end_error_steps.items():
+        if abs(error) > rule.end_error_steps:
+            found.append(f"{axis} ends {error:+d} steps off")
+    if contour_steps is not None and contour_steps.max > rule.contour_steps:
+        found.append(f"contour error {contour_steps.max:.2f} steps, more than {rule.contour_steps:g}")
+    if sim_time_s is not None and plan_time_s > 0:
+        percent = 100 * abs(sim_time_s - plan_time_s) / plan_time_s
+        if percent > rule.time_percent and abs(sim_time_s - plan_time_s) > rule.time_slack_s:
+            found.append(f"simulated time differs by {percent:.2f} % from the planned one")
+    for name, count in violations.items():
+        found.append(f"{count} violation{'s' if count > 1 else ''} of {name}")
+    return tuple(found)
