@@ -1,0 +1,74 @@
+"""Bus arithmetic: how long an exchange takes on the wire, in integer ns.
+
+The host's bytes leave at the host's baud; a module answers at the true rate of its divisor, 20 MHz / (16 (BRD + 1)).
+A byte is ten bits (PIC-STEP data sheet, section 3.1: one start bit, eight data bits, one stop bit).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nmc.chips.common import BAUD_DIVISORS, true_baud
+
+BITS_PER_BYTE = 10
+PACKET_OVERHEAD_BYTES = 4
+"""Header, address, command and checksum (section 3.1)."""
+REPLY_OVERHEAD_BYTES = 2
+"""Status byte and checksum (section 3.1)."""
+REPLY_DELAY_MAX_NS = 500_000
+"""The first reply byte comes within 0.5 ms of the last command byte (section 3.1)."""
+SILENT_WAIT_NS = 512_000
+"""After a command that nobody answers: at least 0.5 ms (section 3.3), 0.51 ms on a bus with PIC-SERVOs."""
+
+
+def module_byte_ns(baud: int) -> int:
+    """Duration of one byte sent by a module that was set to ``baud`` (a key of the sheet's table of divisors)."""
+    return round(BITS_PER_BYTE * 1_000_000_000 / true_baud(BAUD_DIVISORS[baud]))
+
+
+@dataclass(frozen=True, slots=True)
+class BusTiming:
+    """What a stream assumes of its bus. All ns.
+
+    jitter_max_ns: longest host delay before the first byte of a packet. start_delay_max_ns: longest time from the last
+    command byte to its execution in a PIC-STEP (not given by the data sheet; measured or assumed).
+    """
+
+    byte_ns: int
+    reply_byte_ns: int
+    jitter_max_ns: int = 0
+    start_delay_max_ns: int = 250_000
+    reply_delay_max_ns: int = REPLY_DELAY_MAX_NS
+
+    @classmethod
+    def at(cls, baud: int, *, jitter_max_ns: int = 0, start_delay_max_ns: int = 250_000) -> BusTiming:
+        """Timing of a bus at ``baud`` (the host's nominal rate)."""
+        return cls(
+            byte_ns=BITS_PER_BYTE * 1_000_000_000 // baud,
+            reply_byte_ns=module_byte_ns(baud),
+            jitter_max_ns=jitter_max_ns,
+            start_delay_max_ns=start_delay_max_ns,
+        )
+
+    def command_ns(self, data_bytes: int) -> int:
+        """Wire time of a command packet with ``data_bytes`` data bytes."""
+        return (PACKET_OVERHEAD_BYTES + data_bytes) * self.byte_ns
+
+    def reply_ns(self, extra_bytes: int) -> int:
+        """Wire time of a status packet with ``extra_bytes`` beyond the status byte."""
+        return (REPLY_OVERHEAD_BYTES + extra_bytes) * self.reply_byte_ns
+
+    def worst_ns(self, data_bytes: int, extra_bytes: int = 0) -> int:
+        """Longest time from handing over the first byte to having the whole reply."""
+        return self.command_ns(data_bytes) + self.jitter_max_ns + self.reply_delay_max_ns + self.reply_ns(extra_bytes)
+
+    def execution_window_ns(
+        self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int = 0
+    ) -> tuple[int, int]:
+        """Earliest and latest instant at which a PIC-STEP executed the command of this exchange.
+
+        The reply bounds the outbound delay from above: the command was complete before the reply began.
+        """
+        first = sent_ns + self.command_ns(data_bytes)
+        last = min(first + self.jitter_max_ns, max(first, replied_ns - self.reply_ns(extra_bytes)))
+        return first, last + self.start_delay_max_ns

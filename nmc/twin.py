@@ -1,0 +1,115 @@
+"""Host twins of a PIC-STEP's step timer in unprofiled position mode.
+
+The chip (data sheet, section 4.1): a timer rolls over, a step comes out, the timer is reloaded with the initial timer
+count. A count that is loaded while the axis runs acts at the next roll-over (the old period finishes); from rest the
+first step comes one period after the start; the axis stands on the step that reaches the stop position.
+
+    start e      r        r+P      r+2P          load executes between two roll-overs:
+      |-----P----|----P----|----P----|             the running period is finished, then P' holds
+
+``StepTimer`` is one possible chip. ``StepTimerTwin`` holds three: the nominal one and the fastest and slowest ones that
+agree with everything the host knows (execution windows, crystal error), so that the true chip lies between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+PPM = 1_000_000
+
+
+@dataclass(slots=True)
+class StepTimer:
+    """One step timer: next roll-over at ``next_ns``, then every ``period_ns``; ``left`` steps until the stop."""
+
+    next_ns: int = 0
+    period_ns: int = 0
+    left: int = 0
+
+    def start(self, execute_ns: int, period_ns: int, steps: int) -> None:
+        """Begin a run of ``steps`` from rest."""
+        self.next_ns = execute_ns + period_ns
+        self.period_ns = period_ns
+        self.left = steps
+
+    def advance(self, now_ns: int) -> int:
+        """Emit every step up to and including ``now_ns``; return how many."""
+        count = self.left - self.left_at(now_ns)
+        self.next_ns += count * self.period_ns
+        self.left -= count
+        return count
+
+    def left_at(self, now_ns: int) -> int:
+        """Steps left at ``now_ns`` if nothing is loaded before."""
+        if self.left <= 0 or self.next_ns > now_ns:
+            return self.left
+        return self.left - min(self.left, (now_ns - self.next_ns) // self.period_ns + 1)
+
+    def arrival_ns(self) -> int:
+        """Instant of the last step of the run (of the past one if none is left)."""
+        return self.next_ns + (self.left - 1) * self.period_ns
+
+
+class StepTimerTwin:
+    """Nominal, fastest and slowest step timer of one axis, in host time."""
+
+    __slots__ = ("crystal_ppm", "fast", "nominal", "slow", "steps")
+
+    def __init__(self, crystal_ppm: int) -> None:
+        self.crystal_ppm = crystal_ppm
+        self.nominal = StepTimer()
+        self.fast = StepTimer()
+        self.slow = StepTimer()
+        self.steps = 0
+
+    def start(self, earliest_ns: int, latest_ns: int, period_ns: int, steps: int) -> None:
+        """A run of ``steps`` was started from rest at an instant within the given window."""
+        self.steps = steps
+        self.nominal.start((earliest_ns + latest_ns) // 2, period_ns, steps)
+        self.fast.start(earliest_ns, self._fast_period(period_ns), steps)
+        self.slow.start(latest_ns, self._slow_period(period_ns), steps)
+
+    def load(self, earliest_ns: int, latest_ns: int, period_ns: int) -> None:
+        """A new count was executed within the given window while the axis was moving.
+
+        Slower: the fastest chip takes it last and the slowest first, and that bounds every other chip. Faster: a chip
+        between the two may meet the load one roll-over earlier or later than its bound does, so one period changes
+        sides. After a step in the window the next comes no earlier than the window's begin plus the new period, and
+        after a step before its end no later than its end plus the old one.
+        """
+        self.nominal.advance((earliest_ns + latest_ns) // 2)
+        self.nominal.period_ns = period_ns
+        fast, slow = self.fast, self.slow
+        if period_ns >= fast.period_ns:
+            fast.advance(latest_ns)
+            slow.advance(earliest_ns)
+        else:
+            race_early = fast.left_at(earliest_ns) != slow.left_at(earliest_ns)
+            race_late = fast.left_at(latest_ns) != slow.left_at(latest_ns)
+            fast.advance(earliest_ns)
+            slow.advance(latest_ns)
+            if race_early:
+                fast.next_ns = min(fast.next_ns, earliest_ns + self._fast_period(period_ns))
+            if race_late:
+                slow.next_ns = max(slow.next_ns, latest_ns + slow.period_ns - self._slow_period(period_ns))
+        fast.period_ns = self._fast_period(period_ns)
+        slow.period_ns = self._slow_period(period_ns)
+
+    def done(self, now_ns: int) -> int:
+        """Steps of this run that the nominal chip has emitted by ``now_ns``."""
+        self.nominal.advance(now_ns)
+        return self.steps - self.nominal.left
+
+    def surely_moving_until_ns(self) -> int:
+        """Before this instant even the fastest chip has steps to go (if no load changes that)."""
+        return self.fast.arrival_ns()
+
+    def surely_stopped_from_ns(self) -> int:
+        """After this instant even the slowest chip has made its last step."""
+        return self.slow.arrival_ns()
+
+    def _fast_period(self, period_ns: int) -> int:
+        return period_ns - period_ns * self.crystal_ppm // PPM - 1
+
+    def _slow_period(self, period_ns: int) -> int:
+        return period_ns + period_ns * self.crystal_ppm // PPM + 1

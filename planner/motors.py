@@ -1,0 +1,22 @@
+"""Motors as the lowering sees them: which chip, where on the bus, how many steps a millimetre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class StepMotor:
+    """A stepper on a PIC-STEP.
+
+    axis: planned axis that it follows. steps_per_unit: signed (negative turns it round), steps/mm or steps/deg.
+    speed_mode: 1, 2, 4 or 8 (PIC-STEP data sheet, table 3). crystal_ppm: bound of the chip's unknown clock error.
+    """
+
+    name: str
+    axis: str
+    bus: int
+    address: int
+    steps_per_unit: float
+    speed_mode: int
+    crystal_ppm: int = 100

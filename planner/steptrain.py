@@ -1,0 +1,154 @@
+"""Step trains: the instants at which each motor should step, cut into legs.
+
+A leg is a monotone run without a gap longer than the step timer can wait: what one stop position and a chain of timer
+counts can produce. Its end is the axis's next reversal or rest, known before its first step leaves.
+
+      position            leg 1: 4 steps up          leg 2: 2 down
+        4 |        .-'''-.
+        3 |      .'       '-._                        A single step up that is taken back at once (an apex which
+        2 |    .'                                     overshoots by less than 0.4 step) is left out of both legs.
+        1 |  .'
+          +------------------------ t
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.motors import StepMotor
+from planner.quantize import I8, NS_PER_S, nearest_step, period_range_ns, step_crossings
+from planner.types import F8, Trajectory
+
+SAMPLE_S = 1e-4
+CHUNK_S = 2.0
+GAP_SHARE = 0.9
+"""A gap longer than this share of the longest period begins a new leg."""
+APEX_OVERSHOOT_STEPS = 0.4
+APEX_GAP_S = 0.02
+NOISE_STEPS = 1e-6
+_TAIL = 2 * round(APEX_GAP_S / SAMPLE_S)
+"""Samples of the past that an apex across a chunk's border may need."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """One monotone run: direction +1/-1, counter before and after, planned step instants i8[n] in ns of the plan."""
+
+    direction: int
+    start_steps: int
+    stop_steps: int
+    times_ns: I8
+
+    def __len__(self) -> int:
+        return len(self.times_ns)
+
+
+class StepTrain:
+    """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk."""
+
+    def __init__(self, trajectory: Trajectory, motor: StepMotor) -> None:
+        self.motor = motor
+        self.trajectory = trajectory
+        self.column = trajectory.axes.index(motor.axis)
+        self.start_steps = nearest_step(float(trajectory.q(np.zeros(1))[0, self.column]), motor.steps_per_unit)
+        _, longest = period_range_ns(motor.speed_mode)
+        self.gap_s = GAP_SHARE * longest / NS_PER_S
+        self._legs = self._cut()
+        self._ahead: deque[Leg] = deque()
+
+    def peek(self) -> Leg | None:
+        """The next leg, or None when the train is over."""
+        if not self._ahead:
+            leg = next(self._legs, None)
+            if leg is None:
+                return None
+            self._ahead.append(leg)
+        return self._ahead[0]
+
+    def pop(self) -> Leg:
+        """Take the next leg."""
+        leg = self.peek()
+        assert leg is not None
+        self._ahead.popleft()
+        return leg
+
+    def _steps(self) -> Iterator[tuple[F8, I8]]:
+        """Chunks of (time, direction) of all steps, apex pairs removed; what may still pair is carried on."""
+        times, directions = np.empty(0), np.empty(0, dtype=np.int64)
+        seen_t, seen_p = np.empty(0), np.empty(0)
+        for t, p in self._samples():
+            more, direction, _ = step_crossings(t, p)
+            times = np.concatenate((times, more))
+            directions = np.concatenate((directions, direction))
+            seen_t, seen_p = np.concatenate((seen_t, t)), np.concatenate((seen_p, p))
+            keep = _without_apexes(times, directions, seen_t, seen_p)
+            seen_t, seen_p = seen_t[-_TAIL:], seen_p[-_TAIL:]
+            times, directions = times[keep], directions[keep]
+            settled = max(int(np.searchsorted(times, t[-1] - APEX_GAP_S)) - 1, 0)
+            yield times[:settled], directions[:settled]
+            times, directions = times[settled:], directions[settled:]
+        yield times, directions
+
+    def _samples(self) -> Iterator[tuple[F8, F8]]:
+        duration_s = self.trajectory.duration_s
+        total = max(int(np.ceil(duration_s / SAMPLE_S)), 1)
+        size = round(CHUNK_S / SAMPLE_S)
+        for first in range(0, total, size):
+            t = np.minimum(np.arange(first, min(first + size, total) + 1) * SAMPLE_S, duration_s)
+            yield t, self.trajectory.q(t)[:, self.column] * self.motor.steps_per_unit
+
+    def _cut(self) -> Iterator[Leg]:
+        position = self.start_steps
+        times, directions = np.empty(0), np.empty(0, dtype=np.int64)
+        for more, direction in self._steps():
+            times, directions = np.concatenate((times, more)), np.concatenate((directions, direction))
+            if not len(times):
+                continue
+            breaks = np.flatnonzero((np.diff(directions) != 0) | (np.diff(times) > self.gap_s)) + 1
+            first = 0
+            for last in breaks:
+                leg = _leg(times[first:last], int(directions[first]), position)
+                position = leg.stop_steps
+                first = int(last)
+                yield leg
+            times, directions = times[first:], directions[first:]
+        if len(times):
+            yield _leg(times, int(directions[0]), position)
+
+
+def _leg(times_s: F8, direction: int, start_steps: int) -> Leg:
+    times_ns = np.rint(times_s * NS_PER_S).astype(np.int64)
+    return Leg(direction, start_steps, start_steps + direction * len(times_ns), times_ns)
+
+
+def _without_apexes(times: F8, directions: I8, t: F8, p: F8) -> I8:
+    """Indices that remain when steps which are taken back at once are dropped, pair by pair, from a chunk.
+
+    The kept sequence is a stack: a reversing step meets the step on top; if the excursion between the two is small
+    and short, both go. Only reversals are visited, so a long monotone chunk costs nothing.
+    """
+    reversals = np.flatnonzero(np.diff(directions) != 0)
+    if not len(reversals):
+        return np.arange(len(times), dtype=np.int64)
+    kept: list[int] = []
+    done = 0
+    while done < len(times):
+        if kept and directions[kept[-1]] != directions[done] and _is_apex(times[kept[-1]], times[done], t, p):
+            kept.pop()
+            done += 1
+            continue
+        ahead = reversals[np.searchsorted(reversals, done)] if done <= reversals[-1] else len(times) - 1
+        kept.extend(range(done, int(ahead) + 1))
+        done = int(ahead) + 1
+    return np.array(kept, dtype=np.int64)
+
+
+def _is_apex(up_s: float, down_s: float, t: F8, p: F8) -> bool:
+    first, last = np.searchsorted(t, (up_s, down_s))
+    inside = p[first:last]
+    overshoot = float(np.ptp(np.append(inside, np.interp(up_s, t, p)))) if len(inside) else 0.0
+    return overshoot < NOISE_STEPS or (overshoot < APEX_OVERSHOOT_STEPS and down_s - up_s < APEX_GAP_S)

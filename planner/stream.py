@@ -1,0 +1,116 @@
+"""The streaming front: a trajectory in, bus exchanges out, one at a time, as the executor asks for them.
+
+A source owns one bus. Lowering is lazy: step trains are cut from the trajectory chunk by chunk and the next exchange
+is chosen only after the evidence of the previous one, so nothing is ever further ahead than one load an axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nmc.budget import BusTiming
+from nmc.program import Evidence, Exchange
+from planner.motors import StepMotor
+from planner.quantize import NS_PER_S
+from planner.steptrain import StepTrain
+from planner.stream_axis import StepAxis
+from planner.stream_group import GroupStream
+from planner.types import Trajectory
+
+Profile = Literal["auto", "group"]
+LEAD_IN_NS = 50_000_000
+"""Time between the first exchange and t = 0 of the plan: room to load every axis before the first Start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where the stream is: time in the plan, source line, planned position of each axis."""
+
+    time_s: float
+    duration_s: float
+    line: int
+    position: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamCounts:
+    """Counters of a stream: group slices begun, slices that began late, mean slice length."""
+
+    slices: int
+    late_slices: int
+    slice_ms: float
+
+
+class StepSource:
+    """An ``nmc.program.ExchangeSource`` for the PIC-STEPs of one bus."""
+
+    def __init__(self, trajectory: Trajectory, motors: Sequence[StepMotor], timing: BusTiming, start_ns: int) -> None:
+        self.trajectory = trajectory
+        self.plan_start_ns = start_ns
+        axes = [StepAxis(StepTrain(trajectory, motor), timing, start_ns) for motor in motors]
+        self._stream = GroupStream(axes, timing, motors[0].bus)
+        self._run = self._stream.run()
+        self._now_ns = 0
+        self._streaming_ns = 0
+
+    def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
+        """The next exchange, or None when every leg is done."""
+        self._now_ns = self._stream.now_ns = now_ns
+        try:
+            exchange = next(self._run) if evidence is None else self._run.send(evidence)
+        except StopIteration:
+            return None
+        return self._with_line(exchange)
+
+    def progress(self) -> Progress:
+        """Where the plan stands at the last exchange."""
+        time_s = min(max((self._now_ns - self.plan_start_ns) / NS_PER_S, 0.0), self.trajectory.duration_s)
+        at = np.array([time_s])
+        q = self.trajectory.q(at)[0]
+        line = int(self.trajectory.line(at)[0])
+        return Progress(
+            time_s, self.trajectory.duration_s, line, dict(zip(self.trajectory.axes, q.tolist(), strict=True))
+        )
+
+    def counts(self) -> StreamCounts:
+        """Slices and late slices so far; ``slice_ms`` is the mean over the whole stream."""
+        slices = self._stream.slices
+        span_ns = max(self._now_ns - self.plan_start_ns, 0)
+        return StreamCounts(slices, self._stream.late_slices, span_ns / 1e6 / slices if slices else 0.0)
+
+    def _with_line(self, exchange: Exchange) -> Exchange:
+        time_s = (max(exchange.send_at_ns, self._now_ns) - self.plan_start_ns) / NS_PER_S
+        line = int(self.trajectory.line(np.array([time_s]))[0])
+        return Exchange(
+            exchange.address,
+            exchange.command,
+            exchange.data,
+            exchange.reply_extra,
+            exchange.send_at_ns,
+            line,
+            exchange.bus,
+        )
+
+
+def make_source(
+    trajectory: Trajectory, motors: Sequence[StepMotor], *, timing: BusTiming, start_ns: int, profile: Profile = "auto"
+) -> StepSource:
+    """A stream of ``trajectory`` for the motors of one bus.
+
+    All modules must rest, parked (see ``planner.stream_regroup``), with their counters at the trajectory's first
+    position. start_ns: link time of t = 0; leave ``LEAD_IN_NS`` before it. Source of the profile: the design's decision
+    on streaming; ``auto`` takes ``group``.
+
+    Raises:
+        StreamError: from ``next``, when a reply contradicts the twins: the machine must be stopped.
+        ValueError: motors of several buses, or a profile that is not offered.
+    """
+    if len({motor.bus for motor in motors}) != 1:
+        raise ValueError("a source drives the motors of one bus")
+    if profile not in ("auto", "group"):
+        raise ValueError(f"profile {profile!r} is not offered for PIC-STEP axes")
+    return StepSource(trajectory, motors, timing, start_ns)

@@ -1,0 +1,150 @@
+"""One stepper axis while it is streamed: where its chip is believed to be, and which count comes next.
+
+An axis rests at a counter position or moves along a leg. While it moves, its twin says which step is due next and
+when; the next count is chosen deadbeat: the period that puts the step due at the end of the coming slice on its
+planned instant. What rounding to timer ticks leaves over stays in the twin and is corrected by the next count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nmc.budget import BusTiming
+from nmc.twin import StepTimerTwin
+from planner.motors import StepMotor
+from planner.quantize import count_of_period, nearest_speed, period_of_count_ns, period_range_ns
+from planner.steptrain import Leg, StepTrain
+
+LOAD_TRAJECTORY = 0x4
+LOAD_POSITION, LOAD_TIMER_COUNT, REVERSE, START_NOW = 0x01, 0x08, 0x10, 0x80
+"""Control byte of Load Trajectory (PIC-STEP data sheet, section 5.1)."""
+MOVING = 0x01
+"""Status bit 0 (section 5.2)."""
+SAFETY_NS = 100_000
+"""A count-only load is sent only if the fastest possible chip still moves this long after it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """A load that was sent and may not have been started yet. ``leg``: the one it begins, None: a count only."""
+
+    period_ns: int
+    leg: Leg | None
+
+
+class StepAxis:
+    """State of one axis of a stream. All instants are link time in ns."""
+
+    def __init__(self, train: StepTrain, timing: BusTiming, start_ns: int) -> None:
+        self.train = train
+        self.motor: StepMotor = train.motor
+        self.timing = timing
+        self.start_ns = start_ns
+        self.twin = StepTimerTwin(self.motor.crystal_ppm)
+        self.period_min_ns, self.period_max_ns = period_range_ns(self.motor.speed_mode)
+        self.position_steps = train.start_steps
+        self.leg: Leg | None = None
+        self.last_direction = 0
+        self.stop_motor_sent = True
+        self.in_stream = False
+        self.pending: Load | None = None
+
+    # --- what the axis is doing -----------------------------------------------------------------------------------
+
+    @property
+    def moving(self) -> bool:
+        """A leg has been started and is not yet known to be over."""
+        return self.leg is not None
+
+    def surely_moving_at(self, latest_ns: int) -> bool:
+        """Even the fastest chip has not arrived by ``latest_ns`` plus the safety margin."""
+        return self.leg is not None and self.twin.surely_moving_until_ns() > latest_ns + SAFETY_NS
+
+    def settle(self, now_ns: int) -> None:
+        """Close the leg if even the slowest chip has made its last step."""
+        if self.leg is not None and self.twin.surely_stopped_from_ns() < now_ns:
+            self.position_steps = self.leg.stop_steps
+            self.last_direction = self.leg.direction
+            self.leg = None
+            self.pending = None
+
+    def next_leg(self) -> Leg | None:
+        """The leg that this axis begins next."""
+        return self.train.peek()
+
+    def first_step_ns(self) -> int | None:
+        """Planned instant of the next leg's first step."""
+        leg = self.next_leg()
+        return None if leg is None else int(leg.times_ns[0]) + self.start_ns
+
+    def needs_stop_motor(self) -> bool:
+        """A reversal asks for Stop Motor first (PIC-STEP data sheet, section 4.1, note)."""
+        leg = self.next_leg()
+        return leg is not None and not self.stop_motor_sent and leg.direction != self.last_direction
+
+    # --- choosing counts -------------------------------------------------------------------------------------------
+
+    def count_load(self, execute_ns: int, target_ns: int, start_now: bool) -> tuple[bytes, Load]:
+        """Count-only load of the running leg, executed about ``execute_ns``, right at about ``target_ns``."""
+        period_ns = self._aim(execute_ns, target_ns)
+        return self._encode(period_ns, None, self.leg_direction(), start_now)
+
+    def leg_load(self, execute_ns: int, target_ns: int, start_now: bool) -> tuple[bytes, Load]:
+        """Stop position and first count of the next leg, started from rest about ``execute_ns``."""
+        leg = self.next_leg()
+        assert leg is not None
+        times = leg.times_ns
+        last = min(max(int(np.searchsorted(times, target_ns - self.start_ns)), 0), len(times) - 1)
+        period_ns = (int(times[last]) + self.start_ns - execute_ns) // (last + 1)
+        return self._encode(period_ns, leg, leg.direction, start_now)
+
+    def leg_direction(self) -> int:
+        """Direction of the running leg."""
+        assert self.leg is not None
+        return self.leg.direction
+
+    def arrival_error_steps(self) -> float:
+        """How many steps off the plan the last step would be if the present count stayed."""
+        assert self.leg is not None
+        timer = self.twin.nominal
+        planned = int(self.leg.times_ns[-1]) + self.start_ns
+        return (timer.arrival_ns() - planned) / max(timer.period_ns, 1)
+
+    def _aim(self, execute_ns: int, target_ns: int) -> int:
+        leg = self.leg
+        assert leg is not None
+        timer = self.twin.nominal
+        timer.advance(execute_ns)
+        if timer.left <= 1:
+            return timer.period_ns
+        due = len(leg) - timer.left
+        aim = min(int(np.searchsorted(leg.times_ns, target_ns - self.start_ns)), len(leg) - 1)
+        aim = max(aim, due + 1)
+        return (int(leg.times_ns[aim]) + self.start_ns - timer.next_ns) // (aim - due)
+
+    def _encode(self, period_ns: int, leg: Leg | None, direction: int, start_now: bool) -> tuple[bytes, Load]:
+        mode = self.motor.speed_mode
+        count = count_of_period(max(period_ns, self.period_min_ns), mode)
+        period_ns = period_of_count_ns(count, mode)
+        control = LOAD_TIMER_COUNT | (REVERSE if direction < 0 else 0) | (START_NOW if start_now else 0)
+        position = b""
+        if leg is not None:
+            control |= LOAD_POSITION
+            position = leg.stop_steps.to_bytes(4, "little", signed=True)
+        tail = count.to_bytes(2, "little") + bytes((nearest_speed(period_ns, mode),))
+        return bytes((control,)) + position + tail, Load(period_ns, leg)
+
+    # --- what has happened -----------------------------------------------------------------------------------------
+
+    def executed(self, load: Load, earliest_ns: int, latest_ns: int) -> None:
+        """``load`` was started within the given window."""
+        self.pending = None
+        if load.leg is None:
+            self.twin.load(earliest_ns, latest_ns, load.period_ns)
+            return
+        self.leg = self.train.pop()
+        assert self.leg is load.leg
+        self.stop_motor_sent = False
+        self.twin.start(earliest_ns, latest_ns, load.period_ns, len(self.leg))

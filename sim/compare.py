@@ -1,0 +1,147 @@
+"""The verdict: what came out of the pins against what was planned and what was programmed.
+
+Two errors, never mixed: ``contour`` is the distance of the pins from the planned path, ``program`` their distance from
+the programmed path (at most tolerance + contour). Both are taken after every single pulse, within a window of time, so
+that a path which crosses itself is compared with its own stretch. ``lag`` is how late the pins are along the path and
+is no shape error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sim.pulses import F8, Pulses, StepRuns, pulses
+
+WINDOW_S = 0.12
+MOVING_UNITS_S = 0.5
+"""Lag is counted only where the plan moves faster than this; at rest every instant is as near as any other."""
+FOLLOW_AHEAD_MM = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The plan to compare with: t_s f8[N], q f8[N, A], line i4[N]; ``programmed``: the polyline f8[M, A] asked for."""
+
+    axes: tuple[str, ...]
+    t_s: F8
+    q: F8
+    line: npt.NDArray[np.int32]
+    programmed: F8 | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Largest value, 99.9 % quantile and root mean square."""
+
+    max: float
+    p999: float
+    rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Contour:
+    """Result of ``compare``. Lengths in um, steps of each motor; times in s and ms."""
+
+    sim_time_s: float
+    contour_um: Spread
+    contour_steps: Spread
+    program_um: float
+    lag_ms_max: float
+    lag_ms_rms: float
+    end_error_steps: dict[str, int]
+    worst_line: int
+    worst_time_s: float
+
+
+def compare(
+    reference: Reference,
+    runs: StepRuns,
+    motors: tuple[str, ...],
+    motor_axis: tuple[str, ...],
+    steps_per_unit: F8,
+    plan_start_ns: int,
+) -> Contour:
+    """Compare pins with plan.
+
+    motors: names in the order of ``runs.axis``; motor_axis: the planned axis each follows; steps_per_unit f8[motors],
+    signed. plan_start_ns: trace time of the plan's t = 0.
+    """
+    pins = pulses(runs)
+    column = [reference.axes.index(axis) for axis in motor_axis]
+    planned = reference.q[:, column]
+    knots = planned * steps_per_unit
+    time_s = (pins.time_ns - plan_start_ns) * 1e-9
+    last = pins.position_steps[-1] if len(time_s) else runs.start_steps
+    wanted = np.floor(knots[-1] + 0.5).astype(np.int64)
+    end_error = {name: int(last[m] - wanted[m]) for m, name in enumerate(motors)}
+    if not len(time_s):
+        zero = Spread(0.0, 0.0, 0.0)
+        return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, end_error, 0, 0.0)
+    in_steps, nearest_s = _distance(pins, time_s, reference.t_s, knots, np.ones(len(motors)))
+    in_units, _ = _distance(pins, time_s, reference.t_s, planned, 1.0 / steps_per_unit)
+    worst = int(np.argmax(in_steps))
+    lag = (time_s - nearest_s)[_moving(reference, time_s)] * 1e3
+    return Contour(
+        sim_time_s=_sim_time(time_s, reference, knots),
+        contour_um=_spread(in_units * 1e3),
+        contour_steps=_spread(in_steps),
+        program_um=_program_error(pins, time_s, reference, column, steps_per_unit) * 1e3,
+        lag_ms_max=float(np.max(np.abs(lag), initial=0.0)),
+        lag_ms_rms=float(np.sqrt(np.mean(lag**2))) if len(lag) else 0.0,
+        end_error_steps=end_error,
+        worst_line=int(
+            reference.line[min(int(np.searchsorted(reference.t_s, time_s[worst])), len(reference.line) - 1)]
+        ),
+        worst_time_s=float(time_s[worst]),
+    )
+
+
+def _distance(pins: Pulses, time_s: F8, knots_s: F8, knots: F8, scale: F8) -> tuple[F8, F8]:
+    from sim.compare_kernel import distances
+
+    first = np.maximum(np.searchsorted(knots_s, time_s - WINDOW_S) - 1, 0)
+    last = np.minimum(np.searchsorted(knots_s, time_s + WINDOW_S) + 1, len(knots_s) - 1)
+    first = np.minimum(first, last - 1)
+    distance, nearest_s = distances(
+        time_s, pins.position_steps * scale, first, last, knots_s, np.ascontiguousarray(knots)
+    )
+    return distance, nearest_s
+
+
+def _program_error(pins: Pulses, time_s: F8, reference: Reference, column: list[int], steps_per_unit: F8) -> float:
+    """Largest distance of the pins from the programmed polyline, in units; 0 if none was given."""
+    if reference.programmed is None or len(reference.programmed) < 2:
+        return 0.0
+    from sim.compare_kernel import distances, follow
+
+    polyline = np.ascontiguousarray(reference.programmed[:, column])
+    segment = follow(np.ascontiguousarray(reference.q[:, column]), polyline, FOLLOW_AHEAD_MM)
+    lower = np.clip(np.searchsorted(reference.t_s, time_s - WINDOW_S) - 1, 0, len(segment) - 1)
+    upper = np.clip(np.searchsorted(reference.t_s, time_s + WINDOW_S), 0, len(segment) - 1)
+    index_s = np.arange(len(polyline), dtype=np.float64)
+    distance, _ = distances(
+        time_s, pins.position_steps / steps_per_unit, segment[lower], segment[upper] + 1, index_s, polyline
+    )
+    return float(distance.max())
+
+
+def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:
+    span = np.maximum(np.diff(reference.t_s), 1e-12)
+    speed = np.linalg.norm(np.diff(reference.q, axis=0), axis=1) / span
+    at = np.clip(np.searchsorted(reference.t_s, time_s) - 1, 0, len(speed) - 1)
+    result: npt.NDArray[np.bool_] = speed[at] > MOVING_UNITS_S
+    return result
+
+
+def _sim_time(time_s: F8, reference: Reference, knots: F8) -> float:
+    """Until the pins stand, plus the rest that the plan prescribes after its own last step."""
+    unfinished = np.flatnonzero(np.any(np.floor(knots + 0.5) != np.floor(knots[-1] + 0.5), axis=1))
+    planned_last = reference.t_s[unfinished[-1] + 1] if len(unfinished) else 0.0
+    return float(time_s[-1] + reference.t_s[-1] - planned_last)
+
+
+def _spread(values: F8) -> Spread:
+    return Spread(float(values.max()), float(np.quantile(values, 0.999)), float(np.sqrt(np.mean(values**2))))

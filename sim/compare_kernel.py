@@ -1,0 +1,84 @@
+"""Compiled search: the distance of every pin position from a polyline within a window of time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+F8 = npt.NDArray[np.float64]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def distances(
+    time_s: F8, pins: F8, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64], knots_s: F8, knots: F8
+) -> tuple[F8, F8]:
+    """Least distance of pins[k] from the polyline ``knots`` between segments first[k] and last[k].
+
+    time_s f8[K], pins f8[K, A], knots_s f8[N], knots f8[N, A]; returns distance f8[K] in the units of the coordinates
+    and the time f8[K] of the nearest point (the nearest in time among equals).
+    """
+    count, axes = pins.shape
+    distance = np.empty(count)
+    nearest_s = np.empty(count)
+    for k in range(count):
+        best, best_s = math.inf, time_s[k]
+        for i in range(first[k], last[k]):
+            along, length2 = 0.0, 0.0
+            for a in range(axes):
+                edge = knots[i + 1, a] - knots[i, a]
+                along += (pins[k, a] - knots[i, a]) * edge
+                length2 += edge * edge
+            u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
+            d2 = 0.0
+            for a in range(axes):
+                gap = pins[k, a] - knots[i, a] - u * (knots[i + 1, a] - knots[i, a])
+                d2 += gap * gap
+            at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
+            if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
+                best, best_s = d2, at_s
+        distance[k] = math.sqrt(best)
+        nearest_s[k] = best_s
+    return distance, nearest_s
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def follow(points: F8, polyline: F8, ahead_mm: float) -> npt.NDArray[np.int64]:
+    """Segment of ``polyline`` (f8[M, A]) that each of ``points`` (f8[N, A], in order along it) belongs to.
+
+    The pointer only moves forward: for each point it looks at most as far ahead as the point has moved since the last
+    one plus ``ahead_mm``, so a path that crosses itself is not mixed up.
+    """
+    count, axes = points.shape
+    segments = len(polyline) - 1
+    index = np.zeros(count, np.int64)
+    pointer = 0
+    for k in range(count):
+        moved = 0.0
+        if k > 0:
+            for a in range(axes):
+                moved += (points[k, a] - points[k - 1, a]) ** 2
+        reach = math.sqrt(moved) * 1.5 + ahead_mm
+        best, at, travelled = math.inf, pointer, 0.0
+        for i in range(pointer, segments):
+            along, length2 = 0.0, 0.0
+            for a in range(axes):
+                edge = polyline[i + 1, a] - polyline[i, a]
+                along += (points[k, a] - polyline[i, a]) * edge
+                length2 += edge * edge
+            u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
+            d2 = 0.0
+            for a in range(axes):
+                gap = points[k, a] - polyline[i, a] - u * (polyline[i + 1, a] - polyline[i, a])
+                d2 += gap * gap
+            if d2 < best - 1e-18:
+                best, at = d2, i
+            if i > pointer:
+                travelled += math.sqrt(length2)
+            if travelled > reach:
+                break
+        pointer = at
+        index[k] = at
+    return index

@@ -1,0 +1,79 @@
+"""Twins: a chip that obeys the data sheet stays between the fastest and the slowest twin, whatever is unknown."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nmc.twin import StepTimer, StepTimerTwin
+
+
+@dataclass
+class Chip:
+    """The chip of section 4.1, stepped one roll-over at a time with its own clock error."""
+
+    ppm: float
+    next_ns: float = 0.0
+    period_ns: float = 0.0
+    left: int = 0
+
+    def scaled(self, period_ns: int) -> float:
+        return period_ns * (1.0 + self.ppm * 1e-6)
+
+    def start(self, at_ns: float, period_ns: int, steps: int) -> None:
+        self.period_ns, self.left = self.scaled(period_ns), steps
+        self.next_ns = at_ns + self.period_ns
+
+    def advance(self, now_ns: float) -> None:
+        while self.left and self.next_ns <= now_ns:
+            self.left -= 1
+            self.next_ns += self.period_ns
+
+    def load(self, at_ns: float, period_ns: int) -> None:
+        self.advance(at_ns)
+        self.period_ns = self.scaled(period_ns)
+
+
+def test_nominal_timer_follows_the_sheet() -> None:
+    timer = StepTimer()
+    timer.start(1_000, 500, 4)
+    assert timer.advance(1_499) == 0
+    assert timer.advance(1_500) == 1  # first step one period after the start
+    timer.advance(1_700)
+    timer.period_ns = 200  # loaded in mid-period: the running period ends at 2000 all the same
+    assert (timer.next_ns, timer.left) == (2_000, 3)
+    assert timer.arrival_ns() == 2_400
+    assert timer.advance(10_000) == 3
+    assert timer.left == 0
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_real_chip_lies_between_the_bounds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chip, twin = Chip(rng.uniform(-100, 100)), StepTimerTwin(100)
+    width = int(rng.integers(0, 2_500_000))
+    now, steps = 0, int(rng.integers(5, 4_000))
+    period = int(rng.integers(80_000, 8_000_000))
+    chip.start(now + rng.uniform(0, width), period, steps)
+    twin.start(now, now + width, period, steps)
+    for _ in range(int(rng.integers(1, 40))):
+        now += int(rng.integers(1_000_000, 12_000_000))
+        if not twin.surely_moving_until_ns() > now + width + 100_000:
+            break
+        period = int(np.clip(period * rng.uniform(0.4, 2.5), 80_000, 20_000_000))
+        chip.load(now + rng.uniform(0, width), period)
+        assert chip.left > 0
+        twin.load(now, now + width, period)
+    arrival = chip.next_ns + (chip.left - 1) * chip.period_ns
+    assert twin.surely_moving_until_ns() <= arrival <= twin.surely_stopped_from_ns()
+
+
+def test_bounds_meet_when_nothing_is_unknown() -> None:
+    twin = StepTimerTwin(0)
+    twin.start(0, 0, 100_000, 10)
+    assert twin.surely_moving_until_ns() == pytest.approx(1_000_000, abs=20)
+    assert twin.surely_stopped_from_ns() == pytest.approx(1_000_000, abs=20)
+    assert twin.done(550_000) == 5
