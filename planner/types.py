@@ -18,6 +18,7 @@ from gcode.canon import Command
 
 F8 = npt.NDArray[np.float64]
 I4 = npt.NDArray[np.int32]
+Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +59,10 @@ class Intervals:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happens while all axes rest: ``command`` at ``time_s`` of the trajectory."""
+    """Something that happens at ``time_s`` of the trajectory, while all axes rest.
+
+    Only a ``Message`` and a synchronised ``Output`` do not wait for rest.
+    """
 
     time_s: float
     command: Command
@@ -70,9 +74,17 @@ class Trajectory(Protocol):
     Implementations: piecewise quadratic s(t) over interval arrays, and the same after a jerk filter.
     """
 
-    axes: tuple[str, ...]
-    duration_s: float
-    events: Sequence[Event]
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the planned axes."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the end."""
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What happens on the way, ascending in time."""
 
     def q(self, t_s: F8) -> F8:
         """Positions f8[len(t), A], mm or degrees, machine frame."""

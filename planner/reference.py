@@ -1,0 +1,101 @@
+"""toppra on the interval arrays: the reference solver.
+
+toppra sees the intervals through a custom linear constraint with one-sided values (its stock constraints evaluate q''
+at the nodes, on one side only, and so violate limits where q'' jumps). Always in mm, always with our own gridpoints,
+never with its spline parametrizer. Import is slow (about 1.2 s), so this module is imported only where toppra is
+asked for.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import toppra
+from toppra.constraint import ConstraintType, DiscretizationType, LinearConstraint
+
+from planner.errors import PlanError
+from planner.types import F8, Intervals
+
+
+class _Grid(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]  # toppra carries no types
+    """toppra asks a path for little more than its interval when the constraints carry their own numbers."""
+
+    def __init__(self, nodes: F8, dof: int) -> None:
+        super().__init__()
+        self._nodes, self._dof = nodes, dof
+
+    dof = property(lambda self: self._dof)
+    path_interval = property(lambda self: np.array([self._nodes[0], self._nodes[-1]]))
+
+    def __call__(self, path_positions: Any, order: int = 0) -> F8:
+        return np.zeros((*np.shape(path_positions), self._dof))
+
+
+class _Acceleration(LinearConstraint):  # type: ignore[misc]
+    """|q' u + q'' x| <= A at both ends of every interval, x and u those of the interval's start."""
+
+    def __init__(self, p: Intervals, acceleration: F8) -> None:
+        super().__init__()
+        self.dof = p.start.shape[1]
+        self.set_discretization_type(DiscretizationType.Collocation)
+        self.identical = True
+        self._constraint_type = ConstraintType.CanonicalLinear
+        bend = (p.tangent_out - p.tangent_in) / p.length[:, None]
+        out = p.tangent_out + 2 * (p.tangent_out - p.tangent_in)
+        pad = np.zeros((1, 2 * self.dof))
+        self._a = np.vstack([np.hstack([p.tangent_in, out]), pad])
+        self._b = np.vstack([np.hstack([bend, bend]), pad])
+        self._limit = np.tile(acceleration, 4)
+
+    def compute_constraint_params(self, path: Any, gridpoints: Any, *_: Any) -> tuple[Any, ...]:
+        eye = np.eye(2 * self.dof)
+        return self._a, self._b, np.zeros_like(self._a), np.vstack([eye, -eye]), self._limit, None, None
+
+
+class _Cap(LinearConstraint):  # type: ignore[misc]
+    """x <= cap at every node."""
+
+    def __init__(self, cap: F8, dof: int) -> None:
+        super().__init__()
+        self.dof = dof
+        self.set_discretization_type(DiscretizationType.Collocation)
+        self._constraint_type = ConstraintType.CanonicalLinear
+        self._bound = np.stack([np.zeros_like(cap), cap], axis=1)
+
+    def compute_constraint_params(self, path: Any, gridpoints: Any, *_: Any) -> tuple[Any, ...]:
+        return None, None, None, None, None, None, self._bound
+
+
+def solve(p: Intervals, acceleration: F8, node_cap: F8) -> F8:
+    """x = s'^2 at all nodes f8[N + 1]. Each stop-to-stop run is a problem of its own. Raises PlanError."""
+    x = np.zeros(len(p) + 1)
+    nodes = np.flatnonzero(p.stop)
+    for first, last in pairwise(nodes):
+        x[first : last + 1] = _run(_part(p, int(first), int(last)), acceleration, node_cap[first : last + 1])
+    return x
+
+
+def _part(p: Intervals, first: int, last: int) -> Intervals:
+    s = slice(first, last)
+    return Intervals(
+        p.length[s], p.start[s], p.tangent_in[s], p.tangent_out[s], p.feed_mm_s[s], p.line[s], p.stop[first : last + 1]
+    )
+
+
+def _run(p: Intervals, acceleration: F8, node_cap: F8) -> F8:
+    if len(p) == 1:
+        return np.zeros(2)
+    s = np.concatenate([[0.0], np.cumsum(p.length)])
+    cap = node_cap.copy()
+    cap[[0, -1]] = np.max(node_cap)  # the ends are held by sd_start and sd_end
+    constraints = [_Acceleration(p, acceleration), _Cap(cap, p.start.shape[1])]
+    problem = toppra.algorithm.TOPPRA(
+        constraints, _Grid(s, p.start.shape[1]), gridpoints=s, solver_wrapper="seidel",
+        parametrizer="ParametrizeConstAccel",
+    )  # fmt: skip
+    _, speed, _ = problem.compute_parameterization(0.0, 0.0)
+    if speed is None or np.isnan(speed).any():
+        raise PlanError(int(p.line[0]), "", "toppra found no parametrization", "plan with --solver kernel")
+    return np.asarray(speed) ** 2

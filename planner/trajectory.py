@@ -1,0 +1,104 @@
+"""The trajectory: pieces of constant s'' over the interval arrays, exact at any time.
+
+Inside a piece the distance from its interval's start is sigma = offset + v tau + u tau^2 / 2, and q = start + q'(in)
+sigma + q'' sigma^2 / 2. Rest (dwell, tool change) is a piece of zero speed. Evaluation is one binary search and one
+gather a sample; long ascending sample trains go through a compiled walk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planner.timing import Pieces
+from planner.types import F8, I4, Event, Intervals
+
+WALK_FROM = 20_000
+"""samples from which the compiled walk is worth its import."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathTrajectory:
+    """Piecewise-quadratic s(t) over interval arrays; implements ``planner.types.Trajectory``.
+
+    axes: names, A. intervals: N >= 1. pieces: M >= 1. events: ascending in time.
+    """
+
+    axes: tuple[str, ...]
+    intervals: Intervals
+    pieces: Pieces
+    events: Sequence[Event] = ()
+    begin_s: F8 = field(init=False)
+    duration_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        end = np.cumsum(self.pieces.duration_s)
+        object.__setattr__(self, "begin_s", np.concatenate([[0.0], end[:-1]]))
+        object.__setattr__(self, "duration_s", float(end[-1]))
+
+    def q(self, t_s: F8) -> F8:
+        """Positions f8[len(t), A], mm or degrees, machine frame."""
+        t = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
+        if len(t) >= WALK_FROM:
+            from planner.walk import sample_q
+
+            p, w = self.intervals, self.pieces
+            return np.asarray(
+                sample_q(
+                    t,
+                    self.begin_s,
+                    w.duration_s,
+                    w.interval,
+                    w.offset_mm,
+                    w.speed_mm_s,
+                    w.accel_mm_s2,
+                    p.length,
+                    p.start,
+                    p.tangent_in,
+                    p.tangent_out,
+                )
+            )
+        i, sigma, _, _ = self._locate(t)
+        p = self.intervals
+        bend = (p.tangent_out[i] - p.tangent_in[i]) * (sigma / (2 * p.length[i]))[:, None]
+        return np.asarray(p.start[i] + (p.tangent_in[i] + bend) * sigma[:, None])
+
+    def v(self, t_s: F8) -> F8:
+        """Velocities f8[len(t), A], mm/s."""
+        i, sigma, speed, _ = self._locate(np.atleast_1d(np.asarray(t_s, dtype=np.float64)))
+        return np.asarray(self._tangent(i, sigma) * speed[:, None])
+
+    def a(self, t_s: F8) -> F8:
+        """Accelerations f8[len(t), A], mm/s2, one-sided from the right where they jump."""
+        i, sigma, speed, accel = self._locate(np.atleast_1d(np.asarray(t_s, dtype=np.float64)))
+        p = self.intervals
+        bend = (p.tangent_out[i] - p.tangent_in[i]) / p.length[i][:, None]
+        return np.asarray(self._tangent(i, sigma) * accel[:, None] + bend * (speed**2)[:, None])
+
+    def line(self, t_s: F8) -> I4:
+        """Source line i4[len(t)] that is being executed."""
+        m = self._piece(np.atleast_1d(np.asarray(t_s, dtype=np.float64)))
+        return np.asarray(self.intervals.line[self.pieces.interval[m]])
+
+    def junctions_s(self) -> F8:
+        """Ascending times at which a piece begins or ends."""
+        return np.append(self.begin_s, self.duration_s)
+
+    def _piece(self, t: F8) -> I4:
+        m = np.searchsorted(self.begin_s, t, side="right") - 1
+        return np.asarray(np.clip(m, 0, len(self.pieces) - 1), dtype=np.int32)
+
+    def _locate(self, t: F8) -> tuple[I4, F8, F8, F8]:
+        """Interval, distance in it, s' and s'' at each time."""
+        m = self._piece(t)
+        w = self.pieces
+        tau = np.clip(t - self.begin_s[m], 0.0, w.duration_s[m])
+        i, v, u = w.interval[m], w.speed_mm_s[m], w.accel_mm_s2[m]
+        sigma = np.minimum(w.offset_mm[m] + (v + u * (tau / 2)) * tau, self.intervals.length[i])
+        return i, sigma, np.maximum(v + u * tau, 0.0), u
+
+    def _tangent(self, i: I4, sigma: F8) -> F8:
+        p = self.intervals
+        return np.asarray(p.tangent_in[i] + (p.tangent_out[i] - p.tangent_in[i]) * (sigma / p.length[i])[:, None])
