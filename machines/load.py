@@ -19,6 +19,9 @@ from machines.schema import MachineConfig
 from machines.toml_lines import key_lines, line_of
 
 _TAGS = {"pic-step", "pic-servo", "cy545"}
+UNKNOWN = "unknown key"
+MISSING = "required key is missing"
+MEANT = "did you mean "
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +91,7 @@ def parse_machine(text: str, origin: str) -> MachineConfig:
     try:
         config = MachineConfig.model_validate(data)
     except ValidationError as error:
-        found = [_schema_error(item, origin, lines) for item in error.errors(include_url=False)]
+        found = _without_doubles([_schema_error(item, origin, lines) for item in error.errors(include_url=False)])
     for path, message, hint in cross_checks(data):
         found.append(ConfigError(origin, line_of(lines, path), ".".join(path), message, hint))
     if found or config is None:
@@ -112,20 +115,30 @@ def _schema_error(item: Mapping[str, Any], origin: str, lines: Mapping[tuple[str
     kind, hint = item["type"], ""
     message = str(item["msg"]).removeprefix("Value error, ")
     if kind == "extra_forbidden":
-        message = "unknown key"
+        message = UNKNOWN
         known = tuple(_keys_beside(path, item["loc"]))
         near = difflib.get_close_matches(path[-1], known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"keys here: {', '.join(known)}"
+        hint = f"{MEANT}{near[0]}?" if near else f"keys here: {', '.join(known)}"
     elif kind == "missing":
-        message = "required key is missing"
+        message = MISSING
     elif kind.startswith("union_tag"):
         path = (*path, "chip")
         chip = (item.get("ctx") or {}).get("tag", "missing")
-        message = "required key is missing" if chip == "missing" else f"there is no chip {chip!r}"
+        message = MISSING if chip == "missing" else f"there is no chip {chip!r}"
         hint = "chips: pic-step, pic-servo" + (", cy545" if path[0] == "axis" else "")
     elif message.startswith("Input should be"):
         message = message.replace("Input should be", "should be") + f", not {_shown(item.get('input'))}"
     return ConfigError(origin, line_of(lines, path), ".".join(path), message, hint)
+
+
+def _without_doubles(found: list[ConfigError]) -> list[ConfigError]:
+    """A misspelled required key is one mistake: what it was meant to be is not reported as missing beside it."""
+    meant = set()
+    for error in found:
+        if error.message == UNKNOWN and error.hint.startswith(MEANT):
+            table = error.key.rpartition(".")[0]
+            meant.add(f"{table}.{error.hint[len(MEANT) : -1]}".lstrip("."))
+    return [error for error in found if error.message != MISSING or error.key not in meant]
 
 
 def _shown(value: object) -> str:
