@@ -1,0 +1,89 @@
+"""From a description of buses to a running simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nmc.link import Link
+from sim.bus import Bus
+from sim.draws import Draws
+from sim.link import SimLink
+from sim.module import NmcModule
+from sim.picstep import PicStep
+from sim.spec import BusSpec, Module, SimOptions
+from sim.trace import BusLog, Trace, collect
+from sim.violations import Incident, Log, Violation
+from sim.world import World
+
+MAX_MODULES = 32
+
+
+class Simulation:
+    """Chips, buses and host ports under one virtual clock. ``modules``: by name; ``links``: one a bus."""
+
+    def __init__(self) -> None:
+        self.world = World()
+        self.log = Log()
+        self.buses: list[Bus] = []
+        self.links: list[Link] = []
+        self.modules: dict[str, NmcModule] = {}
+        self.bus_logs: list[BusLog] = []
+
+    @property
+    def violations(self) -> list[Violation]:
+        """Everything so far that went against the data sheets."""
+        return self.log.violations
+
+    @property
+    def incidents(self) -> list[Incident]:
+        """What chips did on their own account so far."""
+        return self.log.incidents
+
+    def steppers(self) -> dict[str, PicStep]:
+        """All PIC-STEP modules by name."""
+        return {name: m for name, m in self.modules.items() if isinstance(m, PicStep)}
+
+    def trace(self) -> Trace:
+        """Everything that came out up to the present time, motors in the order in which they were described."""
+        for bus in self.buses:
+            bus.status.settle(self.world.now_ns)
+        steppers = self.steppers()
+        for stepper in steppers.values():
+            stepper.synchronise()
+        return collect(list(steppers), {name: m.runs for name, m in steppers.items()}, {}, self.bus_logs)
+
+
+def build(buses: Sequence[BusSpec], seed: int, options: SimOptions | None = None) -> Simulation:
+    """Power up the machine. Same seed, same host: bit-identical. Raises ValueError on a description that cannot be."""
+    options = options or SimOptions()
+    simulation = Simulation()
+    for number, spec in enumerate(buses):
+        if len(spec.modules) > MAX_MODULES:
+            raise ValueError(f"bus {spec.name!r}: {len(spec.modules)} modules, at most {MAX_MODULES} fit (section 1.0)")
+        bytes_log = BusLog() if options.trace_bus else None
+        bus = Bus(spec.name, simulation.world, simulation.log, _draws(seed, number, 0), bytes_log)
+        if bytes_log is not None:
+            simulation.bus_logs.append(bytes_log)
+        for place, module_spec in enumerate(spec.modules):
+            if module_spec.name in simulation.modules:
+                raise ValueError(f"two modules are called {module_spec.name!r}")
+            module = _module(module_spec, bus, _draws(seed, number, 2 + place), options)
+            bus.modules.append(module)
+            simulation.modules[module_spec.name] = module
+        bus.rewire()
+        simulation.buses.append(bus)
+        simulation.links.append(SimLink(bus, _draws(seed, number, 1), spec.host_jitter_max_ns))
+    return simulation
+
+
+def _draws(seed: int, bus: int, use: int) -> Draws:
+    """A stream of its own for every use, so that one more draw here changes nothing there."""
+    return Draws(np.random.default_rng([seed, bus, use]))
+
+
+def _module(spec: Module, bus: Bus, draws: Draws, options: SimOptions) -> NmcModule:
+    ppm = spec.crystal_ppm + (2 * draws.unit() - 1) * spec.crystal_ppm_max
+    phase_ns = -draws.below_ns(options.power_phase_max_ns)
+    return PicStep(spec, bus, round(ppm * 1000), draws, phase_ns, options)

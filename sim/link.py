@@ -1,0 +1,56 @@
+"""The host's end of a simulated bus: an ``nmc.link.Link`` on which waiting is the passing of virtual time."""
+
+from __future__ import annotations
+
+from sim.bus import Bus
+from sim.draws import Draws
+
+
+class SimLink:
+    """A port of the host. Every write waits U(0, jitter_max_ns) before its first bit leaves; bytes leave one by one."""
+
+    def __init__(self, bus: Bus, draws: Draws, jitter_max_ns: int) -> None:
+        self.bus = bus
+        self.world = bus.world
+        self.baud = 19200
+        self.jitter_max_ns = jitter_max_ns
+        self._draws = draws
+
+    def now_ns(self) -> int:
+        """Present virtual time."""
+        return self.world.now_ns
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the port; returns at once."""
+        if data:
+            start_ns = self.world.now_ns + self._draws.below_ns(self.jitter_max_ns)
+            self.bus.command.transmit(bytes(data), start_ns, float(self.baud))
+
+    def read(self, count: int, deadline_ns: int) -> bytes:
+        """Let time pass until ``count`` bytes are in or ``deadline_ns`` has come."""
+        world, status = self.world, self.bus.status
+        while True:
+            due = status.due_ns(count)
+            limit = deadline_ns if due is None or due > deadline_ns else due
+            if world.next_event_ns() > limit:
+                world.run_until(limit)
+                return status.take(count, world.now_ns)
+            world.step()
+
+    def sleep_until(self, time_ns: int) -> None:
+        """Let time pass until ``time_ns``."""
+        self.world.run_until(time_ns)
+
+    def set_baud(self, baud: int) -> None:
+        """Change the host's rate; what has been handed over still leaves at the old one."""
+        self.baud = baud
+        self.bus.status.settle(self.world.now_ns)
+        self.bus.status.host_baud = float(baud)
+
+    def flush_input(self) -> None:
+        """Drop what was received and not read."""
+        self.bus.status.settle(self.world.now_ns)
+        self.bus.status.received.clear()
+
+    def close(self) -> None:
+        """Nothing to give back."""

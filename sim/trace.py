@@ -1,0 +1,225 @@
+"""What came out: step runs, servo samples and bus bytes, as arrays in a file that other tools may read.
+
+A run of steps is (first, period, count, direction): pulse k of it rises at ``first + k * period``. Never single pulses.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from sim.clock import ChipClock
+
+_FIELDS = {
+    "run_axis": "u1",
+    "run_first_ns": "i8",
+    "run_period_ns": "f8",
+    "run_count": "i4",
+    "run_dir": "i1",
+    "start_steps": "i8",
+    "steps_per_unit": "f8",
+    "servo_axis": "u1",
+    "servo_ns": "i8",
+    "servo_command": "i4",
+    "servo_position": "i4",
+    "counts_per_unit": "f8",
+    "bus_ns": "i8",
+    "bus_line": "u1",
+    "bus_byte": "u1",
+}
+
+
+class StepRuns:
+    """The pulses of one motor, grown pulse train by pulse train. Times in ticks of the chip's clock."""
+
+    def __init__(self, clock: ChipClock) -> None:
+        self.clock = clock
+        self.first_tick = array("q")
+        self.period_tick = array("q")
+        self.count = array("q")
+        self.direction = array("b")
+        self._next_tick = -1  # where the next pulse of the last run would be
+
+    def add(self, first: int, period: int, count: int, direction: int) -> None:
+        """Append ``count`` pulses from tick ``first`` on, ``period`` ticks apart; joins the last run if it fits."""
+        if first == self._next_tick and direction == self.direction[-1]:
+            if period == self.period_tick[-1]:
+                self.count[-1] += count
+                self._next_tick += count * period
+                return
+            # the pulse that ends the old period still belongs to the old run
+            self.count[-1] += 1
+            first += period
+            count -= 1
+            if count == 0:
+                self._next_tick = -1
+                return
+        self.first_tick.append(first)
+        self.period_tick.append(period)
+        self.count.append(count)
+        self.direction.append(direction)
+        self._next_tick = first + count * period
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+
+@dataclass(slots=True)
+class ServoSamples:
+    """Command and position of one servo at its ticks, in counts."""
+
+    ns: list[npt.NDArray[np.int64]]
+    command: list[npt.NDArray[np.int32]]
+    position: list[npt.NDArray[np.int32]]
+
+
+class BusLog:
+    """Every byte of one bus at the moment its stop bit ends."""
+
+    def __init__(self) -> None:
+        self.host_ns = array("q")
+        self.host_byte = array("B")
+        self.status_ns = array("q")
+        self.status_byte = array("B")
+
+    def host(self, time_ns: int, value: int) -> None:
+        """A byte has reached the modules."""
+        self.host_ns.append(time_ns)
+        self.host_byte.append(value)
+
+    def status(self, time_ns: int, value: int) -> None:
+        """A byte has reached the host."""
+        self.status_ns.append(time_ns)
+        self.status_byte.append(value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """All arrays of a ``trace.npz``; R runs, A motors, S servo samples, B bus bytes.
+
+    axes: names of the motors. run_axis u1[R], run_first_ns i8[R], run_period_ns f8[R], run_count i4[R], run_dir i1[R]
+    (+1 or -1), start_steps i8[A], steps_per_unit f8[A]; servo_axis u1[S], servo_ns i8[S], servo_command i4[S],
+    servo_position i4[S], counts_per_unit f8[A]; bus_ns i8[B], bus_line u1[B] (2 * bus + 0 host, 1 status),
+    bus_byte u1[B]; plan_start_ns: trace time at which the plan has its time 0.
+    """
+
+    axes: tuple[str, ...]
+    run_axis: npt.NDArray[np.uint8]
+    run_first_ns: npt.NDArray[np.int64]
+    run_period_ns: npt.NDArray[np.float64]
+    run_count: npt.NDArray[np.int32]
+    run_dir: npt.NDArray[np.int8]
+    start_steps: npt.NDArray[np.int64]
+    steps_per_unit: npt.NDArray[np.float64]
+    servo_axis: npt.NDArray[np.uint8]
+    servo_ns: npt.NDArray[np.int64]
+    servo_command: npt.NDArray[np.int32]
+    servo_position: npt.NDArray[np.int32]
+    counts_per_unit: npt.NDArray[np.float64]
+    bus_ns: npt.NDArray[np.int64]
+    bus_line: npt.NDArray[np.uint8]
+    bus_byte: npt.NDArray[np.uint8]
+    plan_start_ns: int = 0
+
+    def save(
+        self,
+        path: str | Path,
+        steps_per_unit: Mapping[str, float] | None = None,
+        plan_start_ns: int | None = None,
+        counts_per_unit: Mapping[str, float] | None = None,
+    ) -> Trace:
+        """Write the arrays to ``path`` with the given scales (by motor name); returns what was written."""
+        steps = dict(steps_per_unit or {})
+        counts = dict(counts_per_unit or {})
+        full = replace(
+            self,
+            steps_per_unit=np.array(
+                [steps.get(a, s) for a, s in zip(self.axes, self.steps_per_unit, strict=True)], "f8"
+            ),
+            counts_per_unit=np.array(
+                [counts.get(a, s) for a, s in zip(self.axes, self.counts_per_unit, strict=True)], "f8"
+            ),
+            plan_start_ns=self.plan_start_ns if plan_start_ns is None else plan_start_ns,
+        )
+        arrays = {name: getattr(full, name) for name in _FIELDS}
+        np.savez(
+            path,
+            allow_pickle=False,
+            axes=np.array(full.axes, dtype=np.str_),
+            plan_start_ns=np.int64(full.plan_start_ns),
+            **arrays,
+        )
+        return full
+
+    def pulses_ns(self, axis: str) -> npt.NDArray[np.float64]:
+        """Times in ns of all pulses of one motor, in order; made on demand."""
+        mine = self.run_axis == self.axes.index(axis)
+        first, period, count = self.run_first_ns[mine], self.run_period_ns[mine], self.run_count[mine]
+        start = np.repeat(np.cumsum(count) - count, count)
+        index = np.arange(int(count.sum())) - start
+        pulses: npt.NDArray[np.float64] = np.repeat(first.astype("f8"), count) + index * np.repeat(period, count)
+        return pulses
+
+
+def load(path: str | Path) -> Trace:
+    """Read a ``trace.npz``. Raises OSError or KeyError if it is not one."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in _FIELDS}
+        return Trace(
+            axes=tuple(str(a) for a in file["axes"]),
+            plan_start_ns=int(file["plan_start_ns"]),
+            **arrays,
+        )
+
+
+def _column(parts: Sequence[npt.NDArray[np.generic]], dtype: str) -> npt.NDArray[np.generic]:
+    return np.concatenate([np.asarray(p, dtype) for p in parts]) if parts else np.zeros(0, dtype)
+
+
+def collect(
+    axes: Sequence[str],
+    runs: Mapping[str, StepRuns],
+    servos: Mapping[str, ServoSamples],
+    buses: Sequence[BusLog],
+) -> Trace:
+    """Put the columns of all motors and buses together, each in order of time."""
+    step: dict[str, list[npt.NDArray[np.generic]]] = {k: [] for k in _FIELDS}
+    for number, name in enumerate(axes):
+        if name in runs:
+            _add_runs(step, number, runs[name])
+        if name in servos:
+            sample = servos[name]
+            size = sum(len(x) for x in sample.ns)
+            step["servo_axis"].append(np.full(size, number, "u1"))
+            step["servo_ns"] += sample.ns
+            step["servo_command"] += sample.command
+            step["servo_position"] += sample.position
+    for number, log in enumerate(buses):
+        for line, (ns, value) in enumerate([(log.host_ns, log.host_byte), (log.status_ns, log.status_byte)]):
+            step["bus_ns"].append(np.array(ns, "i8"))
+            step["bus_line"].append(np.full(len(ns), 2 * number + line, "u1"))
+            step["bus_byte"].append(np.array(value, "u1"))
+    columns = {k: _column(v, _FIELDS[k]) for k, v in step.items()}
+    for group, key in (("run_", "run_first_ns"), ("servo_", "servo_ns"), ("bus_", "bus_ns")):
+        order = np.argsort(columns[key], kind="stable")
+        for name in columns:
+            if name.startswith(group):
+                columns[name] = columns[name][order]
+    for name in ("start_steps", "steps_per_unit", "counts_per_unit"):
+        columns[name] = np.zeros(len(axes), _FIELDS[name])
+    return Trace(axes=tuple(axes), **columns)  # type: ignore[arg-type]  # one dict holds columns of several types
+
+
+def _add_runs(step: dict[str, list[npt.NDArray[np.generic]]], number: int, runs: StepRuns) -> None:
+    clock = runs.clock
+    period = np.array(runs.period_tick, "f8")
+    step["run_axis"].append(np.full(len(runs), number, "u1"))
+    step["run_first_ns"].append(np.array([clock.ns_of(t) for t in runs.first_tick], "i8"))
+    step["run_period_ns"].append(period * clock.span_ns(1))
+    step["run_count"].append(np.array(runs.count, "i4"))
+    step["run_dir"].append(np.array(runs.direction, "i1"))
