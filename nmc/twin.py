@@ -53,7 +53,7 @@ class StepTimer:
 class StepTimerTwin:
     """Nominal, fastest and slowest step timer of one axis, in host time."""
 
-    __slots__ = ("crystal_ppm", "fast", "nominal", "slow", "steps")
+    __slots__ = ("_longest_running_ns", "_slow_left", "crystal_ppm", "fast", "nominal", "slow", "steps")
 
     def __init__(self, crystal_ppm: int) -> None:
         self.crystal_ppm = crystal_ppm
@@ -61,6 +61,8 @@ class StepTimerTwin:
         self.fast = StepTimer()
         self.slow = StepTimer()
         self.steps = 0
+        self._slow_left = 0
+        self._longest_running_ns = 0
 
     def start(self, earliest_ns: int, latest_ns: int, period_ns: int, steps: int) -> None:
         """A run of ``steps`` was started from rest at an instant within the given window."""
@@ -68,6 +70,8 @@ class StepTimerTwin:
         self.nominal.start((earliest_ns + latest_ns) // 2, period_ns, steps)
         self.fast.start(earliest_ns, self._fast_period(period_ns), steps)
         self.slow.start(latest_ns, self._slow_period(period_ns), steps)
+        self._slow_left = steps
+        self._longest_running_ns = self.slow.period_ns
 
     def load(self, earliest_ns: int, latest_ns: int, period_ns: int) -> None:
         """A new count was executed within the given window while the axis was moving.
@@ -75,11 +79,14 @@ class StepTimerTwin:
         Slower: the fastest chip takes it last and the slowest first, and that bounds every other chip. Faster: a chip
         between the two may meet the load one roll-over earlier or later than its bound does, so one period changes
         sides. After a step in the window the next comes no earlier than the window's begin plus the new period, and
-        after a step before its end no later than its end plus the old one.
+        after a step before its end no later than its end plus the longest period that may still be running (several
+        loads may fall into one long period).
         """
         self.nominal.advance((earliest_ns + latest_ns) // 2)
         self.nominal.period_ns = period_ns
         fast, slow = self.fast, self.slow
+        surely_rolled_over = self._slow_left - slow.left_at(earliest_ns) >= 2
+        running_ns = slow.period_ns if surely_rolled_over else max(self._longest_running_ns, slow.period_ns)
         if period_ns >= fast.period_ns:
             fast.advance(latest_ns)
             slow.advance(earliest_ns)
@@ -91,9 +98,11 @@ class StepTimerTwin:
             if race_early:
                 fast.next_ns = min(fast.next_ns, earliest_ns + self._fast_period(period_ns))
             if race_late:
-                slow.next_ns = max(slow.next_ns, latest_ns + slow.period_ns - self._slow_period(period_ns))
+                slow.next_ns = max(slow.next_ns, latest_ns + running_ns - self._slow_period(period_ns))
         fast.period_ns = self._fast_period(period_ns)
         slow.period_ns = self._slow_period(period_ns)
+        self._slow_left = slow.left
+        self._longest_running_ns = running_ns
 
     def done(self, now_ns: int) -> int:
         """Steps of this run that the nominal chip has emitted by ``now_ns``."""

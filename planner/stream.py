@@ -7,7 +7,7 @@ is chosen only after the evidence of the previous one, so nothing is ever furthe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -85,15 +85,7 @@ class StepSource:
     def _with_line(self, exchange: Exchange) -> Exchange:
         time_s = (max(exchange.send_at_ns, self._now_ns) - self.plan_start_ns) / NS_PER_S
         line = int(self.trajectory.line(np.array([time_s]))[0])
-        return Exchange(
-            exchange.address,
-            exchange.command,
-            exchange.data,
-            exchange.reply_extra,
-            exchange.send_at_ns,
-            line,
-            exchange.bus,
-        )
+        return replace(exchange, line=line)
 
 
 def make_source(

@@ -222,7 +222,8 @@ class GroupStream:
             axis.in_stream = axis.motor.address in wanted
 
     def _load(self, axis: StepAxis, data: bytes, send_ns: int = 0) -> Exchange:
-        return Exchange(axis.motor.address, LOAD_TRAJECTORY, data, send_at_ns=send_ns, bus=self.bus)
+        at_rest = () if axis.moving else (axis.motor.address,)
+        return Exchange(axis.motor.address, LOAD_TRAJECTORY, data, send_at_ns=send_ns, bus=self.bus, at_rest=at_rest)
 
     def _window(self, evidence: Evidence) -> tuple[int, int]:
         return self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, len(evidence.exchange.data))

@@ -39,8 +39,8 @@ def set_address_data(address: int, group: int, leads: bool) -> bytes:
 def regroup(groups: Groups, wanted: Iterable[int], ranking: Sequence[int]) -> list[tuple[int, bytes]]:
     """Set Address commands that make ``wanted`` the streaming group; ``groups`` is updated.
 
-    ranking: addresses in order of preference as a leader. Returns (address, data) in sending order: a new leader is
-    named before the old one goes, so no group is ever without one for longer than a packet.
+    ranking: addresses in order of preference as a leader. Returns (address, data) in sending order: the old leader of
+    a group goes before the new one is named, so there are never two.
     """
     wanted = set(wanted)
     commands: list[tuple[int, bytes]] = []
@@ -55,16 +55,15 @@ def regroup(groups: Groups, wanted: Iterable[int], ranking: Sequence[int]) -> li
 
     stream_leader = lead(STREAMING_GROUP, stay or join, join)
     parked_leader = lead(PARKED_GROUP, (groups.parked - join) or leave, leave)
-    for address in stay:
-        if address == stream_leader != groups.leader[STREAMING_GROUP]:
-            commands.append((address, set_address_data(address, STREAMING_GROUP, True)))
-    for address in groups.parked - join:
-        if address == parked_leader != groups.leader[PARKED_GROUP]:
-            commands.append((address, set_address_data(address, PARKED_GROUP, True)))
+    parked_was = groups.leader[PARKED_GROUP]
     for address in sorted(leave):
-        commands.append((address, set_address_data(address, PARKED_GROUP, address == parked_leader)))
+        commands.append((address, set_address_data(address, PARKED_GROUP, address == parked_leader and not parked_was)))
+    if stream_leader in stay and stream_leader != groups.leader[STREAMING_GROUP]:
+        commands.append((stream_leader, set_address_data(stream_leader, STREAMING_GROUP, True)))
     for address in sorted(join):
         commands.append((address, set_address_data(address, STREAMING_GROUP, address == stream_leader)))
+    if parked_leader and parked_leader != parked_was and not (parked_leader in leave and not parked_was):
+        commands.append((parked_leader, set_address_data(parked_leader, PARKED_GROUP, True)))
     groups.streaming, groups.parked = wanted, parked_after
     groups.leader = {STREAMING_GROUP: stream_leader, PARKED_GROUP: parked_leader}
     return commands

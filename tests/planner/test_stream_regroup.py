@@ -11,6 +11,8 @@ def play(modules: dict[int, tuple[int, bool]], commands: list[tuple[int, bytes]]
     for address, data in commands:
         assert data[0] == address
         modules[address] = (data[1] | 0x80, not data[1] & 0x80)
+        for group in (STREAMING_GROUP, PARKED_GROUP):
+            assert list(modules.values()).count((group, True)) <= 1, "two leaders at once"
 
 
 @given(st.integers(1, 6), st.lists(st.sets(st.integers(1, 6)), max_size=12))
