@@ -18,6 +18,10 @@ class Exchange:
     reply_extra: status bytes expected after the status byte, before the checksum; None: nobody answers (a group
     without leader), the bus then waits 0.512 ms as data sheet section 3.3 asks.
     send_at_ns: link time before which the first byte must not leave; 0: at once. line: G-code line it serves.
+    at_rest: addresses of PIC-STEPs that the source knows to have come to rest at their stop positions (its twins say
+    so), stated to the mode guard before this exchange is judged. endless: this load is meant to run without any stop
+    position; a count-only load from Stopped is refused without it.
+    The bus knows the reply length of modules it has started up and then ignores ``reply_extra``.
     """
 
     address: int
@@ -27,6 +31,8 @@ class Exchange:
     send_at_ns: int = 0
     line: int = 0
     bus: int = 0
+    at_rest: tuple[int, ...] = ()
+    endless: bool = False
 
 
 @dataclass(frozen=True, slots=True)
