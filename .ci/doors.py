@@ -19,7 +19,7 @@ DOORS: dict[str, tuple[str, ...]] = {
     "random": (),
     "secrets": (),
 }
-GENERATOR_MADE_IN = ("sim/draws.py",)
+GENERATOR_MADE_IN = ("sim/build.py",)
 
 
 def breaks(root: Path) -> Iterator[str]:

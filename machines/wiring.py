@@ -11,6 +11,7 @@ import numpy as np
 from gcode.canon import AXES
 from machines.schema import MachineConfig, SimMotor, StepMotorTable
 from machines.travel import Travel
+from nmc.budget import BusTiming
 from planner.motors import StepMotor
 from planner.quantize import speed_mode_for
 from planner.types import Limits
@@ -116,3 +117,16 @@ def _switches(plant: SimMotor, steps_per_unit: float) -> list[Switch]:
         place = round(plant.home_at * steps_per_unit)
         found.append(Switch("home", None, place) if steps_per_unit > 0 else Switch("home", place, None))
     return found
+
+
+REAL_PORT_JITTER_MS = 2.0
+"""What a host may add before a packet on a port whose ``host_jitter_ms`` nobody has measured."""
+
+
+def bus_timing(config: MachineConfig, bus: int, simulated: bool) -> BusTiming:
+    """What a stream assumes of a bus: the file's ``host_jitter_ms``, else the twin's, else a cautious value."""
+    table = list(config.bus.values())[bus]
+    jitter_ms = table.host_jitter_ms
+    if jitter_ms is None:
+        jitter_ms = config.sim.host_jitter_ms if simulated else REAL_PORT_JITTER_MS
+    return BusTiming.at(table.baud, jitter_max_ns=round(jitter_ms * NS_PER_MS))

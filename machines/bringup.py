@@ -1,0 +1,148 @@
+"""From a machine description to a bus that is ready to stream: links, the nine start-up steps, parameters, amplifiers.
+
+Whether a link is a port or the simulator is decided here and nowhere else. After ``bring_up`` every module rests,
+parked, its amplifier on and its counter at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from machines.schema import MachineConfig, StepMotorTable
+from machines.wiring import bus_specs, motor_tables, speed_mode
+from nmc.bus import Bus
+from nmc.chips import picstep
+from nmc.chips.common import READ_STATUS
+from nmc.codec import decode_status, encode
+from nmc.executor import stop_all
+from nmc.link import Link
+from nmc.program import Exchange
+from nmc.recording_link import RecordingLink
+from nmc.setup import ModuleExpectation, ModuleInfo, start_up
+from sim.build import Simulation, build
+
+SIM = "sim"
+
+
+@dataclass(slots=True)
+class Connection:
+    """The buses of a machine, in the order of its file. ``simulation``: the twin, None on real ports."""
+
+    config: MachineConfig
+    links: list[Link]
+    buses: list[Bus]
+    simulation: Simulation | None
+    modules: dict[str, list[ModuleInfo]] = field(default_factory=dict)
+
+    def records(self) -> dict[str, list[str]]:
+        """Bytes of real ports as text by bus; a simulated bus keeps its bytes in the trace."""
+        names = list(self.config.bus)
+        return {
+            name: list(link.lines())
+            for name, link in zip(names, self.links, strict=True)
+            if isinstance(link, RecordingLink)
+        }
+
+    def close(self) -> None:
+        """Give the ports back."""
+        for link in self.links:
+            link.close()
+
+
+def is_simulated(config: MachineConfig, port: str | None = None) -> bool:
+    """Whether this machine runs on its twin. A machine is on ports or on the twin as a whole."""
+    if port is not None:
+        return port == SIM
+    return all(bus.port == SIM for bus in config.bus.values())
+
+
+def connect(config: MachineConfig, port: str | None = None, seed: int | None = None) -> Connection:
+    """Open every bus. ``port`` replaces that of a machine with one bus; ``seed`` that of the twin.
+
+    Raises NmcError where a port cannot be opened, ValueError where ``port`` does not say which bus it means.
+    """
+    if is_simulated(config, port):
+        simulation = build(bus_specs(config), config.sim.seed if seed is None else seed)
+        links = list(simulation.links)
+        return Connection(config, links, [Bus(link) for link in links], simulation)
+    from nmc.serial_link import SerialLink
+
+    names = [bus.port for bus in config.bus.values()]
+    if port is not None:
+        if len(names) != 1:
+            raise ValueError(f"--port names one port, the machine has {len(names)} buses; write them in its file")
+        names = [port]
+    if SIM in names:
+        raise ValueError("a machine is on ports or simulated as a whole; give every bus a port")
+    opened: list[Link] = []
+    try:
+        for name in names:
+            opened.append(RecordingLink(SerialLink(name)))
+    except Exception:
+        for link in opened:
+            link.close()
+        raise
+    return Connection(config, opened, [Bus(link) for link in opened], None)
+
+
+def bring_up(connection: Connection) -> None:
+    """Start every bus and make every motor ready. Raises NmcError with what was found where it should not be."""
+    config = connection.config
+    for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True):
+        connection.modules[name] = start_up(bus, expectations(config, name), table.baud)
+    for axis, motor in motor_tables(config).values():
+        bus = bus_of(connection, motor)
+        _send(bus, motor.address, "set_parameters", _parameters(config, axis, motor))
+        _send(bus, motor.address, "stop_motor", {"amplifier_enable": 1, "stop_abruptly": 1})
+        _send(bus, motor.address, "reset_position", {})
+        bus.arm_faults(motor.address, low=picstep.STATUS_POWER)
+
+
+def expectations(config: MachineConfig, bus: str) -> list[ModuleExpectation]:
+    """What must be found on a bus, in chain order."""
+    found: dict[int, ModuleExpectation] = {}
+    for section in (config.axis, config.motor, config.module):
+        for name, table in section.items():
+            if table.chip != "cy545" and table.bus == bus:
+                found[table.address] = ModuleExpectation(chip=table.chip, name=name)
+    return [expectation for _, expectation in sorted(found.items())]
+
+
+def read_positions(connection: Connection) -> dict[str, int]:
+    """Counter of every motor, read back from its chip."""
+    found: dict[str, int] = {}
+    for name, (_, motor) in motor_tables(connection.config).items():
+        exchange = Exchange(motor.address, READ_STATUS, bytes([picstep.ITEM_POSITION]), reply_extra=4)
+        evidence = bus_of(connection, motor).exchange(exchange)
+        status = decode_status(picstep.FACTS, evidence.status or 0, picstep.ITEM_POSITION, evidence.extra)
+        found[name] = status.values["position"]
+    return found
+
+
+def stop_everything(connection: Connection) -> int:
+    """Stop every motor of every bus at once; returns the rounds it took. Raises NmcError if one cannot be stopped."""
+    return max(stop_all(bus) for bus in connection.buses)
+
+
+def bus_of(connection: Connection, motor: StepMotorTable) -> Bus:
+    """The bus on which a motor hangs."""
+    return connection.buses[list(connection.config.bus).index(motor.bus)]
+
+
+def _parameters(config: MachineConfig, axis: str, motor: StepMotorTable) -> dict[str, int]:
+    step = motor.step
+    return {
+        "speed_mode": picstep.SPEED_MODES[f"{speed_mode(config, axis, motor)}x"].bits,
+        "disable_limit_stop": int(not step.limit_autostop),
+        "disable_estop": int(not step.estop),
+        "motor_off_on_stop": int(step.motor_off_on_stop),
+        "minimum_speed": step.minimum_speed,
+        "running_current": step.running_current,
+        "holding_current": step.holding_current,
+        "thermal_limit": step.thermal_limit,
+    }
+
+
+def _send(bus: Bus, address: int, name: str, values: dict[str, int]) -> None:
+    command, data = encode(picstep.FACTS, name, values)
+    bus.exchange(Exchange(address, command, data))

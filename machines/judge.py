@@ -1,0 +1,126 @@
+"""From a finished run to its verdict: the twin's trace against the plan, the chips' counters against the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from machines.schema import MachineConfig
+from machines.session import Outcome
+from machines.verdict import BusUse, Peak, Spread, Verdict, reasons_against
+from machines.wiring import motor_tables, step_motors
+from planner.plan import Plan
+from planner.planfile import sample_times
+from planner.quantize import nearest_step
+from planner.types import Trajectory
+from sim.compare import Contour, Reference, compare
+from sim.compare import Spread as SimSpread
+from sim.pulses import StepRuns
+from sim.trace import Trace
+
+F8 = npt.NDArray[np.float64]
+NS_PER_S = 1_000_000_000
+
+
+def judge(
+    config: MachineConfig,
+    plan: Plan,
+    outcome: Outcome,
+    trace: Trace | None,
+    violations: Mapping[str, int],
+    programmed: F8 | None = None,
+) -> Verdict:
+    """The verdict of a run. ``trace``: of the twin, None on real ports; ``programmed``: polyline f8[M, A] or None."""
+    trajectory = plan.trajectory
+    contour = None if trace is None else _contour(config, trajectory, outcome, trace, programmed)
+    end_error = _end_error(config, trajectory, outcome) if contour is None else contour.end_error_steps
+    steps = None if contour is None else _spread(contour.contour_steps)
+    sim_time_s = None if contour is None else contour.sim_time_s
+    reasons = reasons_against(
+        config.verify,
+        plan_time_s=trajectory.duration_s,
+        sim_time_s=sim_time_s,
+        contour_steps=steps,
+        end_error_steps=end_error,
+        violations=violations,
+    )
+    return Verdict(
+        ok=not reasons,
+        machine=config.machine.name,
+        axes=tuple(trajectory.axes),
+        plan_time_s=trajectory.duration_s,
+        sim_time_s=sim_time_s,
+        contour_um=None if contour is None else _spread(contour.contour_um),
+        contour_steps=steps,
+        program_um=None if contour is None or programmed is None else contour.program_um,
+        lag_ms=None if contour is None else (contour.lag_ms_max, contour.lag_ms_rms),
+        end_error_steps=end_error,
+        worst_line=None if contour is None else contour.worst_line,
+        late_slices=outcome.statistics.late_slices,
+        violations=dict(violations),
+        bus=_bus_use(outcome),
+        peak={axis: Peak(found.velocity, found.acceleration, None) for axis, found in plan.report.axes.items()},
+        limits={
+            axis: Peak(table.max_velocity, table.max_acceleration, table.max_jerk)
+            for axis, table in config.axis.items()
+        },
+        reasons=reasons,
+    )
+
+
+def reference_of(trajectory: Trajectory, programmed: F8 | None = None) -> Reference:
+    """The plan as ``sim.compare`` wants it: samples at most 1 ms apart and at every junction."""
+    t_s = sample_times(trajectory)
+    return Reference(tuple(trajectory.axes), t_s, trajectory.q(t_s), trajectory.line(t_s), programmed)
+
+
+def step_runs(trace: Trace) -> StepRuns:
+    """The pulses of a trace."""
+    return StepRuns(
+        trace.run_axis,
+        trace.run_first_ns,
+        trace.run_period_ns,
+        trace.run_count,
+        trace.run_dir,
+        trace.start_steps,
+    )
+
+
+def _contour(
+    config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace, programmed: F8 | None
+) -> Contour:
+    motors = motor_tables(config)
+    return compare(
+        reference_of(trajectory, programmed),
+        step_runs(trace),
+        trace.axes,
+        tuple(motors[name][0] for name in trace.axes),
+        np.array([motors[name][1].steps_per_unit for name in trace.axes]),
+        outcome.plan_start_ns,
+    )
+
+
+def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:
+    end = trajectory.q(np.array([trajectory.duration_s]))[0]
+    return {
+        motor.name: outcome.positions[motor.name]
+        - nearest_step(float(end[trajectory.axes.index(motor.axis)]), motor.steps_per_unit)
+        for motor in step_motors(config)
+    }
+
+
+def _bus_use(outcome: Outcome) -> BusUse:
+    statistics = outcome.statistics
+    span_ns = max(outcome.end_ns - outcome.plan_start_ns, 1)
+    return BusUse(
+        packets=statistics.packets,
+        bytes=statistics.bytes,
+        utilisation=min(statistics.busy_ns / span_ns, 1.0),
+        slice_ms=statistics.slice_ms,
+    )
+
+
+def _spread(spread: SimSpread) -> Spread:
+    return Spread(spread.max, spread.p999, spread.rms)

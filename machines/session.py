@@ -1,0 +1,240 @@
+"""What a machine is doing: one state machine from power-up to the verdict. ``verify`` and ``run`` share all of it.
+
+    idle --home--> homing --> idle --run--> running --> idle
+                      \\                     |  \\--stop--> stopped
+                       \\--------------------+----fault--> faulted
+
+Whatever goes wrong while something moves, the first thing done is to stop every motor and to read where it stands;
+only then is the caller told. A stop is asked for by a function that is polled between two exchanges, never by an
+exception in the middle of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from machines import bringup
+from machines.bringup import Connection
+from machines.schema import MachineConfig
+from machines.wiring import bus_timing, motor_tables, step_motors
+from nmc.errors import NmcError
+from nmc.executor import play
+from nmc.program import Evidence
+from planner.stream import LEAD_IN_NS, Progress, StepSource, make_source
+from planner.stream_error import StreamError
+from planner.types import Trajectory
+
+PROGRESS_EVERY_NS = 100_000_000
+
+Note = Callable[..., None]
+"""``note(event, time_ns, **fields)``: something happened."""
+
+
+class State(Enum):
+    """What the machine is doing."""
+
+    IDLE = "idle"
+    HOMING = "homing"
+    RUNNING = "running"
+    HELD = "held"
+    STOPPED = "stopped"
+    FAULTED = "faulted"
+
+
+class SessionError(Exception):
+    """The machine cannot do what was asked, or failed at it. ``positions``: counters read back, if they could be."""
+
+    def __init__(self, message: str, positions: dict[str, int] | None = None) -> None:
+        super().__init__(message)
+        self.positions = positions
+
+
+@dataclass(slots=True)
+class StreamStatistics:
+    """What a run has cost on the buses."""
+
+    packets: int = 0
+    bytes: int = 0
+    busy_ns: int = 0
+    late_slices: int = 0
+    slice_ms: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended. ``plan_start_ns``: link time of t = 0; ``positions``: counters in steps by motor."""
+
+    finished: bool
+    plan_start_ns: int
+    end_ns: int
+    line: int
+    positions: dict[str, int]
+    statistics: StreamStatistics = field(default_factory=StreamStatistics)
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    return None
+
+
+def _never() -> bool:
+    return False
+
+
+class Session:
+    """One machine on its links. Use it as a context: leaving it stops what still moves and closes the ports."""
+
+    def __init__(
+        self, config: MachineConfig, *, port: str | None = None, seed: int | None = None, note: Note | None = None
+    ) -> None:
+        self.config = config
+        self.state = State.IDLE
+        self.note: Note = note or _nothing
+        self._port, self._seed = port, seed
+        self._connection: Connection | None = None
+
+    @property
+    def connection(self) -> Connection:
+        """The open links. Raises SessionError before ``connect``."""
+        if self._connection is None:
+            raise SessionError("the machine is not connected")
+        return self._connection
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the machine's link; 0 before it is connected."""
+        return self._connection.links[0].now_ns() if self._connection else 0
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def connect(self) -> None:
+        """Open the links and start every bus. Raises SessionError."""
+        try:
+            self._connection = bringup.connect(self.config, self._port, self._seed)
+            bringup.bring_up(self._connection)
+        except (NmcError, ValueError) as error:
+            self._change(State.FAULTED)
+            raise SessionError(f"the machine does not start: {error}") from error
+        for bus, modules in self._connection.modules.items():
+            found = [f"{module.address}: {module.chip} version {module.version}" for module in modules]
+            self.note("connected", self.now_ns, bus=bus, modules=found)
+
+    def run(
+        self,
+        trajectory: Trajectory,
+        *,
+        profile: str = "auto",
+        progress: Callable[[Progress], None] | None = None,
+        stop_requested: Callable[[], bool] = _never,
+    ) -> Outcome:
+        """Stream a trajectory to its end or to a requested stop. Raises SessionError after stopping everything."""
+        if self.state is not State.IDLE:
+            raise SessionError(f"the machine is {self.state.value}, not idle")
+        self._change(State.RUNNING)
+        source: StepSource | None = None
+        try:
+            source = self._source(trajectory, profile)
+            finished, statistics = self._stream(source, progress or _nothing, stop_requested)
+        except (NmcError, StreamError, ValueError) as error:
+            positions = self._stop_after_failure(str(error))
+            line = source.progress().line if source else 0
+            raise SessionError(f"line {line}: {error}" if line else str(error), positions) from error
+        except BaseException as error:
+            self._stop_after_failure(type(error).__name__)
+            raise
+        counts = source.counts()
+        statistics.late_slices, statistics.slice_ms = counts.late_slices, counts.slice_ms
+        self._change(State.IDLE if finished else State.STOPPED)
+        return Outcome(
+            finished=finished,
+            plan_start_ns=source.plan_start_ns,
+            end_ns=self.now_ns,
+            line=source.progress().line,
+            positions=self._positions(),
+            statistics=statistics,
+        )
+
+    def stop(self) -> dict[str, int]:
+        """Stop every motor at once; returns the counters read back. Raises SessionError if one cannot be stopped."""
+        try:
+            rounds = bringup.stop_everything(self.connection)
+        except NmcError as error:
+            self._change(State.FAULTED)
+            raise SessionError(f"MOTORS MAY STILL BE MOVING, use the emergency stop: {error}") from error
+        positions = self._positions()
+        self.note("all_stopped", self.now_ns, rounds=rounds, positions=positions)
+        return positions
+
+    def close(self) -> None:
+        """Close the ports."""
+        if self._connection is not None:
+            self._connection.close()
+
+    def _source(self, trajectory: Trajectory, profile: str) -> StepSource:
+        motors = step_motors(self.config)
+        simulated = self.connection.simulation is not None
+        timing = bus_timing(self.config, motors[0].bus, simulated)
+        if profile not in ("auto", "group"):
+            raise ValueError(f"profile {profile} is not offered for PIC-STEP axes; give auto or group")
+        return make_source(trajectory, motors, timing=timing, start_ns=self.now_ns + LEAD_IN_NS, profile="group")
+
+    def _stream(
+        self, source: StepSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]
+    ) -> tuple[bool, StreamStatistics]:
+        self.note("run_begins", self.now_ns, plan_start_ns=source.plan_start_ns)
+        statistics = StreamStatistics()
+        counters = [bus.counters for bus in self.connection.buses]
+        packets = sum(each.packets for each in counters)
+        wire_bytes = sum(each.bytes_out + each.bytes_in for each in counters)
+        next_ns, line = self.now_ns, 0
+        finished = True
+        for evidence in play(self.connection.buses, source):
+            statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
+            if evidence.exchange.line != line:
+                line = evidence.exchange.line
+                self.note("line", evidence.sent_ns, line=line)
+            if evidence.replied_ns >= next_ns:
+                next_ns = evidence.replied_ns + PROGRESS_EVERY_NS
+                progress(source.progress())
+            if stop_requested():
+                self._stop_on_request(evidence)
+                finished = False
+                break
+        statistics.packets = sum(each.packets for each in counters) - packets
+        statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
+        progress(source.progress())
+        if finished:
+            self.note("run_ends", self.now_ns)
+        return finished, statistics
+
+    def _stop_on_request(self, evidence: Evidence) -> None:
+        self.note("stop_requested", self.now_ns, line=evidence.exchange.line)
+        self.stop()
+
+    def _stop_after_failure(self, words: str) -> dict[str, int] | None:
+        """Bring everything to rest after a failure; the failure itself is what the caller will be told."""
+        self._change(State.FAULTED)
+        self.note("fault", self.now_ns, message=words)
+        try:
+            return self.stop()
+        except (NmcError, SessionError) as error:
+            self.note("fault", self.now_ns, message=str(error))
+            return None
+
+    def _positions(self) -> dict[str, int]:
+        return bringup.read_positions(self.connection)
+
+    def _change(self, state: State) -> None:
+        self.state = state
+        self.note("state", self.now_ns, state=state.value)
+
+
+def motor_names(config: MachineConfig) -> tuple[str, ...]:
+    """Motors in the order in which the trace has them."""
+    return tuple(motor_tables(config))
