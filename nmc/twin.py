@@ -53,7 +53,7 @@ class StepTimer:
 class StepTimerTwin:
     """Nominal, fastest and slowest step timer of one axis, in host time."""
 
-    __slots__ = ("_longest_running_ns", "_slow_left", "crystal_ppm", "fast", "nominal", "slow", "steps")
+    __slots__ = ("_superseded", "crystal_ppm", "fast", "nominal", "slow", "steps")
 
     def __init__(self, crystal_ppm: int) -> None:
         self.crystal_ppm = crystal_ppm
@@ -61,8 +61,7 @@ class StepTimerTwin:
         self.fast = StepTimer()
         self.slow = StepTimer()
         self.steps = 0
-        self._slow_left = 0
-        self._longest_running_ns = 0
+        self._superseded: list[tuple[int, int]] = []
 
     def start(self, earliest_ns: int, latest_ns: int, period_ns: int, steps: int) -> None:
         """A run of ``steps`` was started from rest at an instant within the given window."""
@@ -70,8 +69,7 @@ class StepTimerTwin:
         self.nominal.start((earliest_ns + latest_ns) // 2, period_ns, steps)
         self.fast.start(earliest_ns, self._fast_period(period_ns), steps)
         self.slow.start(latest_ns, self._slow_period(period_ns), steps)
-        self._slow_left = steps
-        self._longest_running_ns = self.slow.period_ns
+        self._superseded.clear()
 
     def load(self, earliest_ns: int, latest_ns: int, period_ns: int) -> None:
         """A new count was executed within the given window while the axis was moving.
@@ -85,8 +83,8 @@ class StepTimerTwin:
         self.nominal.advance((earliest_ns + latest_ns) // 2)
         self.nominal.period_ns = period_ns
         fast, slow = self.fast, self.slow
-        surely_rolled_over = self._slow_left - slow.left_at(earliest_ns) >= 2
-        running_ns = slow.period_ns if surely_rolled_over else max(self._longest_running_ns, slow.period_ns)
+        running_ns = self._longest_running_ns(earliest_ns)
+        self._superseded.append((slow.period_ns, latest_ns))
         if period_ns >= fast.period_ns:
             fast.advance(latest_ns)
             slow.advance(earliest_ns)
@@ -101,8 +99,6 @@ class StepTimerTwin:
                 slow.next_ns = max(slow.next_ns, latest_ns + running_ns - self._slow_period(period_ns))
         fast.period_ns = self._fast_period(period_ns)
         slow.period_ns = self._slow_period(period_ns)
-        self._slow_left = slow.left
-        self._longest_running_ns = running_ns
 
     def done(self, now_ns: int) -> int:
         """Steps of this run that the nominal chip has emitted by ``now_ns``."""
@@ -116,6 +112,14 @@ class StepTimerTwin:
     def surely_stopped_from_ns(self) -> int:
         """After this instant even the slowest chip has made its last step."""
         return self.slow.arrival_ns()
+
+    def _longest_running_ns(self, earliest_ns: int) -> int:
+        """Longest period that may be running when the next load executes.
+
+        A period that was superseded is still running only if it began before that and is longer than the time since.
+        """
+        self._superseded = [(p, since_ns) for p, since_ns in self._superseded if p > earliest_ns - since_ns]
+        return max(self.slow.period_ns, *(p for p, _ in self._superseded), 0)
 
     def _fast_period(self, period_ns: int) -> int:
         return period_ns - period_ns * self.crystal_ppm // PPM - 1
