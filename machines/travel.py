@@ -53,14 +53,18 @@ class Excess:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Least and greatest coordinate of each axis over a program, start included."""
+    """Least and greatest coordinate of each axis over the moves of a program; the start counts only if it is passed."""
 
     least: Position
     greatest: Position
 
 
-def reach(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) -> Iterator[tuple[int, int, float, float]]:
-    """(line, axis index, least, greatest) of every axis that a move takes somewhere, in program order."""
+Reach = tuple[int, int, float, float, bool]
+"""Source line, axis index, least and greatest coordinate, and whether the move is straight."""
+
+
+def reach(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) -> Iterator[Reach]:
+    """How far each move takes each axis that it moves, in program order."""
     here = start
     for command in commands:
         if isinstance(command, MoveBlock):
@@ -78,14 +82,21 @@ def reach(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) -> 
                     low[axis], high[axis] = min([low[axis], *places]), max([high[axis], *places])
             for axis in range(len(AXES)):
                 if low[axis] != high[axis]:
-                    yield command.line, axis, low[axis], high[axis]
+                    yield command.line, axis, low[axis], high[axis], not isinstance(command, Arc | Nurbs)
             here = command.end
 
 
 def bounds(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) -> Bounds:
-    """Extent of a program."""
+    """Extent of a program's moves; axes that never move stay at the start."""
     low, high = list(start), list(start)
-    for _, axis, least, greatest in reach(commands, start):
+    moved: set[int] = set()
+    for _, axis, least, greatest, straight in reach(commands, start):
+        if axis not in moved and straight:
+            moved.add(axis)
+            low[axis] = least if least != start[axis] else greatest
+            high[axis] = greatest if greatest != start[axis] else least
+            continue
+        moved.add(axis)
         low[axis], high[axis] = min(low[axis], least), max(high[axis], greatest)
     return Bounds(_position(low), _position(high))
 
@@ -93,7 +104,7 @@ def bounds(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) ->
 def check_travel(commands: Iterable[Command | MoveBlock], travel: Travel, start: Position = ORIGIN) -> list[Excess]:
     """Every axis and side that a program takes beyond ``travel``, in the order in which they happen."""
     found: dict[tuple[int, int], Excess] = {}
-    for line, axis, least, greatest in reach(commands, start):
+    for line, axis, least, greatest, _ in reach(commands, start):
         limits = travel.get(AXES[axis])
         if limits is None:
             _note(found, (axis, 0), None, line, greatest)
@@ -106,13 +117,15 @@ def check_travel(commands: Iterable[Command | MoveBlock], travel: Travel, start:
 
 
 def offset_that_fits(extent: Bounds, travel: Travel) -> dict[str, float] | None:
-    """Shift of each linear axis that brings ``extent`` inside ``travel``, or None if the program is too large."""
+    """Shift of each axis that brings ``extent`` inside ``travel``, in whole mm where that fits; None: it is larger."""
     shift: dict[str, float] = {}
     for axis, (least, greatest) in travel.items():
         low, high = extent.least[AXES.index(axis)], extent.greatest[AXES.index(axis)]
         if high - low > greatest - least + SLACK:
             return None
-        shift[axis] = max(least - low, 0.0) or min(greatest - high, 0.0)
+        up, down = max(least - low, 0.0), min(greatest - high, 0.0)
+        exact, whole = up or down, float(math.ceil(up) or math.floor(down))
+        shift[axis] = whole if least <= low + whole and high + whole <= greatest else exact
     return shift
 
 
@@ -146,7 +159,7 @@ def _arc_extremes(arc: Arc, first: float, second: float) -> Iterator[tuple[int, 
             yield axis, center + (radius if quarter < 2 else -radius)
 
 
-def _block_reach(block: MoveBlock, here: Position) -> Iterator[tuple[int, int, float, float]]:
+def _block_reach(block: MoveBlock, here: Position) -> Iterator[Reach]:
     columns = [AXES.index(axis) for axis in block.axes]
     start = np.vstack(([here[column] for column in columns], block.end[:-1]))
     low, high = np.minimum(start, block.end), np.maximum(start, block.end)
@@ -163,7 +176,8 @@ def _block_reach(block: MoveBlock, here: Position) -> Iterator[tuple[int, int, f
                 low[row, column] = min(low[row, column], extreme)
                 high[row, column] = max(high[row, column], extreme)
     for row, column in np.argwhere(low != high):
-        yield int(block.line[row]), columns[column], float(low[row, column]), float(high[row, column])
+        straight = bool(block.kind[row] != KIND_ARC)
+        yield int(block.line[row]), columns[column], float(low[row, column]), float(high[row, column]), straight
 
 
 def _block_end(block: MoveBlock, here: Position) -> Position:
