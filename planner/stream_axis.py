@@ -100,6 +100,17 @@ class StepAxis:
         period_ns = (int(times[last]) + self.start_ns - execute_ns) // (last + 1)
         return self._encode(period_ns, leg, leg.direction, start_now)
 
+    def lone_start_ns(self, ahead_ns: int) -> int:
+        """Instant at which the next leg must start: its first step and the one ``ahead_ns`` later are on time."""
+        leg = self.next_leg()
+        assert leg is not None
+        times = leg.times_ns
+        last = int(np.searchsorted(times, int(times[0]) + ahead_ns))
+        last = min(max(last, 1), len(times) - 1)
+        period_ns = int(times[last] - times[0]) // last if last else self.period_max_ns // 2
+        period_ns = min(max(period_ns, self.period_min_ns), self.period_max_ns)
+        return int(times[0]) + self.start_ns - period_ns
+
     def leg_direction(self) -> int:
         """Direction of the running leg."""
         assert self.leg is not None

@@ -1,15 +1,17 @@
 """Profile ``group``: every member is reloaded every slice and one group Start Motion begins the slice for all.
 
-    slice k:   [leavers parked] [Stop Motor before a reversal] [loads] [joiners grouped] ......| Start k |
-                                                                                    send_at ---^
+    slice k:   [leavers parked] [recruits grouped] [loads] [axes outside the group] ......| Start k |
+                                                                               send_at ---^
+
+When the whole machine rests, the legs that are due are loaded and leave together on one group Start. While others
+move, a leg begins alone at its own instant (start now) and its axis joins the group once it runs.
 
 Rules that make stale and run-away starts impossible (PIC-STEP data sheet, table 4 and Start Motion):
 
 * a stop position is loaded only while the axis rests, with the first count of its leg;
 * a count-only load is started only while even the fastest chip that agrees with the evidence still moves;
 * an axis that cannot be sure to move at the next Start leaves the group before it and ends its leg alone, on the stop
-  position that the chip itself watches, helped by count-only loads of its own (start now) while that is safe;
-* legs too short for the group are started alone, at an instant of their own.
+  position that the chip itself watches, helped by count-only loads of its own while that is safe.
 """
 
 from __future__ import annotations
@@ -26,8 +28,13 @@ SET_ADDRESS, START_MOTION, STOP_MOTOR, NO_OPERATION = 0x1, 0x5, 0x7, 0xE
 AMP_ENABLE, STOP_ABRUPTLY = 0x01, 0x04
 COUNT_BYTES, LEG_BYTES = 4, 8
 TRIM_STEPS = 0.4
-"""An axis that ends its leg alone is given a new count when it would arrive this many steps off its plan."""
-SHORT_LEG_STEPS = 2
+"""An axis that runs alone is given a new count when it would arrive this many steps off its plan."""
+RECRUIT_SLICES = 3
+"""An axis joins the group only if it surely runs on for so many slices: a change of group costs a load."""
+PREPARE_NS = 40_000_000
+"""A reversal is prepared (Stop Motor) this long before its first step is due."""
+LATE_NS = 100_000
+"""A Start that leaves this much after its time counts as late."""
 
 Stream = Generator[Exchange, Evidence, None]
 
@@ -49,101 +56,141 @@ class GroupStream:
         while True:
             for axis in self.axes:
                 axis.settle(self.now_ns)
-            moving = [axis for axis in self.axes if axis.moving]
+            moving = any(axis.moving for axis in self.axes)
             due = [ns for axis in self.axes if not axis.moving and (ns := axis.first_step_ns()) is not None]
             if not moving and not due:
                 return
-            start_ns = self._slice_start(due)
-            members, joiners = self._members(start_ns)
-            if members or joiners:
-                yield from self._slice(start_ns, members, joiners)
+            if moving:
+                yield from self._slice()
             else:
-                yield from self._alone(start_ns, wait=True)
+                yield from self._depart(min(due))
 
-    # --- choosing ----------------------------------------------------------------------------------------------------
+    # --- the whole machine rests -------------------------------------------------------------------------------------
 
-    def _slice_ns(self, loads: int) -> int:
-        """Bus time of a slice with ``loads`` count-only loads and its Start."""
-        return loads * self.timing.worst_ns(COUNT_BYTES) + self.timing.worst_ns(0)
+    def _depart(self, first_due_ns: int) -> Stream:
+        """Load every leg that is due soon after ``first_due_ns`` and begin them with one group Start."""
+        horizon_ns = first_due_ns + self._slice_ns(len(self.axes))
+        starters = [axis for axis in self.axes if (ns := axis.first_step_ns()) is not None and ns <= horizon_ns]
+        for axis in starters:
+            yield from self._stop_motor(axis)
+        yield from self._regroup({axis.motor.address for axis in starters})
+        loading_ns = len(starters) * self.timing.worst_ns(LEG_BYTES)
+        lead_ns = min(self._slice_ns(1), min(axis.period_max_ns for axis in starters) // 2)
+        start_ns = max(self.now_ns + loading_ns, first_due_ns - lead_ns - self._mean_execution(0))
+        execute_ns = self._mean_execution(start_ns)
+        pending = []
+        for axis in starters:
+            data, load = axis.leg_load(execute_ns, execute_ns + self._slice_ns(len(starters)), start_now=False)
+            evidence = yield self._load(axis, data)
+            self._expect_rest(axis, evidence)
+            pending.append((axis, load))
+        yield from self._start(start_ns, pending)
 
-    def _slice_start(self, due: list[int]) -> int:
-        """When the coming Start leaves: as soon as the bus allows, or shortly before the first leg is due."""
-        moving = [axis for axis in self.axes if axis.moving and axis.in_stream]
-        start_ns = self.now_ns + self._slice_ns(max(len(moving), 1))
-        starting = sum(1 for ns in due if ns < start_ns + self._slice_ns(len(self.axes)))
-        start_ns += starting * (self.timing.worst_ns(LEG_BYTES) + self.timing.worst_ns(2))
-        leaving = sum(1 for axis in moving if not axis.surely_moving_at(self._latest_execution(start_ns)))
-        start_ns += 2 * leaving * self.timing.worst_ns(2)
-        if not moving and due and min(due) > start_ns + self._slice_ns(len(due)):
-            start_ns = min(due) - self._slice_ns(len(due))
-        return start_ns
+    # --- while something moves ---------------------------------------------------------------------------------------
 
-    def _latest_execution(self, send_ns: int, data_bytes: int = 0) -> int:
-        timing = self.timing
-        return send_ns + timing.command_ns(data_bytes) + timing.jitter_max_ns + timing.start_delay_max_ns
-
-    def _mean_execution(self, send_ns: int, data_bytes: int = 0) -> int:
-        timing = self.timing
-        return send_ns + timing.command_ns(data_bytes) + (timing.jitter_max_ns + timing.start_delay_max_ns) // 2
-
-    def _members(self, start_ns: int) -> tuple[list[StepAxis], list[StepAxis]]:
-        """Axes that take part in the coming Start: those that surely still move, and those whose leg begins."""
-        latest = self._latest_execution(start_ns)
-        members = [axis for axis in self.axes if axis.in_stream and axis.surely_moving_at(latest)]
-        horizon = self._mean_execution(start_ns) + self._slice_ns(len(members) + 1)
-        joiners = []
-        for axis in self.axes:
-            first = None if axis.moving else axis.first_step_ns()
-            if first is not None and first < horizon and not self._is_short(axis):
-                joiners.append(axis)
-        return members, joiners
-
-    def _is_short(self, axis: StepAxis) -> bool:
-        leg = axis.next_leg()
-        assert leg is not None
-        lasts_ns = int(leg.times_ns[-1] - leg.times_ns[0])
-        return len(leg) <= SHORT_LEG_STEPS or lasts_ns < self._slice_ns(1)
-
-    # --- sending -----------------------------------------------------------------------------------------------------
-
-    def _slice(self, start_ns: int, members: list[StepAxis], joiners: list[StepAxis]) -> Stream:
-        """One slice: everything that must be said before its Start, then the Start."""
-        stay = {axis.motor.address for axis in members}
-        yield from self._regroup(stay)
-        ready = []
-        for axis in joiners:
-            if (yield from self._come_to_rest(axis)):
-                ready.append(axis)
+    def _slice(self) -> Stream:
+        """One slice: everything that must be said before its Start, then the Start; without members, the rest alone."""
+        members, start_ns = self._members()
+        yield from self._regroup({axis.motor.address for axis in members})
         pending: list[tuple[StepAxis, Load]] = []
         execute_ns = self._mean_execution(start_ns)
-        target_ns = execute_ns + self._slice_ns(len(members) + len(ready))
+        target_ns = execute_ns + self._slice_ns(len(members))
         for axis in members:
             data, load = axis.count_load(execute_ns, target_ns, start_now=False)
             evidence = yield self._load(axis, data)
             self._expect_moving(axis, evidence)
             pending.append((axis, load))
-        for axis in ready:
-            data, load = axis.leg_load(execute_ns, target_ns, start_now=False)
-            evidence = yield self._load(axis, data)
-            self._expect_rest(axis, evidence)
-            pending.append((axis, load))
-        yield from self._regroup(stay | {axis.motor.address for axis in ready})
-        yield from self._alone(start_ns, wait=False)
+        said = yield from self._alone(start_ns)
         if pending:
             yield from self._start(start_ns, pending)
+        elif not said:
+            yield self._wait(start_ns)
+
+    def _members(self) -> tuple[list[StepAxis], int]:
+        """Who takes part in the coming Start, and when it leaves: as soon as the bus has carried what comes before.
+
+        Members surely still move then; an axis from outside is recruited only if it has some slices to go.
+        """
+        timing = self.timing
+        regroup_ns = timing.worst_ns(2)
+        inside = [axis for axis in self.axes if axis.in_stream and axis.moving]
+        outside = [axis for axis in self.axes if not axis.in_stream and axis.moving]
+        start_ns = self.now_ns + self._slice_ns(len(inside))
+        start_ns += regroup_ns * 2 * sum(not axis.surely_moving_at(self._latest(start_ns)) for axis in inside)
+        enough_ns = RECRUIT_SLICES * self._slice_ns(len(self.axes))
+        recruits = [axis for axis in outside if axis.surely_moving_at(self._latest(start_ns) + enough_ns)]
+        start_ns += len(recruits) * (2 * regroup_ns + timing.worst_ns(COUNT_BYTES))
+        members = [axis for axis in inside if axis.surely_moving_at(self._latest(start_ns))]
+        return members + recruits, start_ns
+
+    def _alone(self, start_ns: int) -> Generator[Exchange, Evidence, bool]:
+        """What axes outside the group need before the Start; True if anything was sent."""
+        said = False
+        for axis in self.axes:
+            if axis.in_stream and axis.moving:
+                continue
+            axis.settle(self.now_ns)
+            if axis.moving:
+                said = (yield from self._trim(axis)) or said
+                continue
+            first = axis.first_step_ns()
+            if first is not None and first - self.now_ns < PREPARE_NS:
+                said = (yield from self._stop_motor(axis)) or said
+                said = (yield from self._lone_start(axis, start_ns)) or said
+        return said
+
+    def _lone_start(self, axis: StepAxis, start_ns: int) -> Generator[Exchange, Evidence, bool]:
+        """Begin a leg by itself so that its first step comes on time; True if it was begun."""
+        leg = axis.next_leg()
+        assert leg is not None
+        lead_ns = self._mean_execution(0, LEG_BYTES)
+        ahead_ns = self._slice_ns(len(self.axes))
+        send_ns = max(axis.lone_start_ns(ahead_ns) - lead_ns, self.now_ns)
+        if send_ns > max(start_ns, self.now_ns):
+            return False
+        execute_ns = send_ns + lead_ns
+        data, load = axis.leg_load(execute_ns, execute_ns + ahead_ns, start_now=True)
+        evidence = yield self._load(axis, data, send_ns)
+        self._expect_rest(axis, evidence)
+        axis.executed(load, *self._window(evidence))
+        return True
+
+    def _trim(self, axis: StepAxis) -> Generator[Exchange, Evidence, bool]:
+        """Give an axis that runs alone a count that lets it arrive on time, if that is safe and worth it."""
+        if abs(axis.arrival_error_steps()) < TRIM_STEPS:
+            return False
+        if not axis.surely_moving_at(self._latest(self.now_ns, COUNT_BYTES)):
+            return False
+        execute_ns = self._mean_execution(self.now_ns, COUNT_BYTES)
+        data, load = axis.count_load(execute_ns, execute_ns + self._slice_ns(len(self.axes)), start_now=True)
+        evidence = yield self._load(axis, data)
+        self._expect_moving(axis, evidence)
+        axis.executed(load, *self._window(evidence))
+        return True
+
+    def _wait(self, start_ns: int) -> Exchange:
+        """Nothing to say: ask the axis that ends next how it is, when it has ended or a leg must be prepared."""
+        ends = [(axis.twin.surely_stopped_from_ns() + 1, axis) for axis in self.axes if axis.moving]
+        until_ns, axis = min(ends, key=lambda end: end[0])
+        due = [ns for other in self.axes if not other.moving and (ns := other.first_step_ns()) is not None]
+        wake_ns = min(due, default=until_ns) - PREPARE_NS
+        at_ns = min(until_ns, wake_ns) if wake_ns > self.now_ns else min(until_ns, start_ns)
+        return Exchange(axis.motor.address, NO_OPERATION, send_at_ns=at_ns, bus=self.bus)
+
+    # --- sending -----------------------------------------------------------------------------------------------------
 
     def _start(self, start_ns: int, pending: list[tuple[StepAxis, Load]]) -> Stream:
-        latest = self._latest_execution(max(start_ns, self.now_ns))
+        """Group Start Motion; an axis for which it has become too late leaves the group first."""
+        latest = self._latest(max(start_ns, self.now_ns))
         unsafe = [axis for axis, load in pending if load.leg is None and not axis.surely_moving_at(latest)]
         if unsafe:
-            # The slice came too late for them: they leave, the others wait one packet longer.
+            self.late_slices += 1
             pending = [(axis, load) for axis, load in pending if axis not in unsafe]
             yield from self._regroup({axis.motor.address for axis, _ in pending})
-            self.late_slices += 1
             if pending:
                 yield from self._start(start_ns, pending)
             return
-        if self.now_ns > start_ns:
+        if self.now_ns > start_ns + LATE_NS:
             self.late_slices += 1
         evidence = yield Exchange(STREAMING_GROUP, START_MOTION, send_at_ns=start_ns, bus=self.bus)
         window = self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, 0)
@@ -151,68 +198,28 @@ class GroupStream:
             axis.executed(load, *window)
         self.slices += 1
 
-    def _alone(self, until_ns: int, wait: bool) -> Stream:
-        """What axes outside the group need before ``until_ns``: short legs begun, ends of legs put right.
-
-        With ``wait`` nothing else is to be done before ``until_ns``, so if nothing was said an axis is asked how it is.
-        """
-        said = False
-        for axis in self.axes:
-            if axis.in_stream:
-                continue
-            if axis.moving:
-                said = (yield from self._trim(axis)) or said
-            elif axis.next_leg() is not None and self._is_short(axis):
-                said = (yield from self._short_leg(axis, until_ns)) or said
-        if wait and not said:
-            moving = [axis for axis in self.axes if axis.moving]
-            ask = moving[0] if moving else self.axes[0]
-            at_ns = min((axis.twin.surely_stopped_from_ns() for axis in moving), default=until_ns)
-            yield Exchange(ask.motor.address, NO_OPERATION, send_at_ns=min(at_ns + 1, until_ns), bus=self.bus)
-
-    def _short_leg(self, axis: StepAxis, until_ns: int) -> Generator[Exchange, Evidence, bool]:
-        """Start a short leg by itself so that its first step comes on time; True if something was sent."""
-        leg = axis.next_leg()
-        assert leg is not None
-        first, last = int(leg.times_ns[0]) + axis.start_ns, int(leg.times_ns[-1]) + axis.start_ns
-        period = (last - first) // (len(leg) - 1) if len(leg) > 1 else min(axis.period_max_ns, first - self.now_ns)
-        lead_ns = self._mean_execution(0, LEG_BYTES)
-        send_ns = first - period - lead_ns
-        if send_ns > until_ns:
-            return False
-        if not (yield from self._come_to_rest(axis)):
-            return True
-        send_ns = max(send_ns, self.now_ns)
-        if send_ns > until_ns - self.timing.worst_ns(LEG_BYTES):
-            send_ns = self.now_ns
-        data, load = axis.leg_load(send_ns + lead_ns, last, start_now=True)
-        evidence = yield self._load(axis, data, send_ns)
-        self._expect_rest(axis, evidence)
-        axis.executed(load, *self._window(evidence))
-        return True
-
-    def _trim(self, axis: StepAxis) -> Generator[Exchange, Evidence, bool]:
-        """Give an axis that ends its leg alone a count that lets it arrive on time, if that is safe and worth it."""
-        if abs(axis.arrival_error_steps()) < TRIM_STEPS:
-            return False
-        if not axis.surely_moving_at(self._latest_execution(self.now_ns, COUNT_BYTES)):
-            return False
-        assert axis.leg is not None
-        end_ns = int(axis.leg.times_ns[-1]) + axis.start_ns
-        data, load = axis.count_load(self._mean_execution(self.now_ns, COUNT_BYTES), end_ns, start_now=True)
-        evidence = yield self._load(axis, data)
-        self._expect_moving(axis, evidence)
-        axis.executed(load, *self._window(evidence))
-        return True
-
-    def _come_to_rest(self, axis: StepAxis) -> Generator[Exchange, Evidence, bool]:
+    def _stop_motor(self, axis: StepAxis) -> Generator[Exchange, Evidence, bool]:
         """Send Stop Motor if the next leg reverses; the slowest twin has stopped, the moving bit must agree."""
-        if axis.needs_stop_motor():
-            data = bytes((AMP_ENABLE | STOP_ABRUPTLY,))
-            evidence = yield Exchange(axis.motor.address, STOP_MOTOR, data, bus=self.bus)
-            self._expect_rest(axis, evidence)
-            axis.stop_motor_sent = True
-        return not axis.moving
+        if not axis.needs_stop_motor():
+            return False
+        data = bytes((AMP_ENABLE | STOP_ABRUPTLY,))
+        evidence = yield Exchange(axis.motor.address, STOP_MOTOR, data, bus=self.bus)
+        self._expect_rest(axis, evidence)
+        axis.stop_motor_sent = True
+        return True
+
+    def _slice_ns(self, loads: int) -> int:
+        """Bus time of a slice with ``loads`` count-only loads and its Start."""
+        return loads * self.timing.worst_ns(COUNT_BYTES) + self.timing.worst_ns(0)
+
+    def _latest(self, send_ns: int, data_bytes: int = 0) -> int:
+        """Latest instant at which a command sent at ``send_ns`` is executed."""
+        timing = self.timing
+        return send_ns + timing.command_ns(data_bytes) + timing.jitter_max_ns + timing.start_delay_max_ns
+
+    def _mean_execution(self, send_ns: int, data_bytes: int = 0) -> int:
+        timing = self.timing
+        return send_ns + timing.command_ns(data_bytes) + (timing.jitter_max_ns + timing.start_delay_max_ns) // 2
 
     def _regroup(self, wanted: set[int]) -> Stream:
         ranking = sorted(self.axes, key=lambda axis: -axis.twin.surely_moving_until_ns())
