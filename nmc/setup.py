@@ -38,13 +38,14 @@ CHIPS: dict[int, ChipFacts] = {facts.device_type: facts for facts in (picstep.FA
 class ModuleExpectation:
     """One module of a machine, in chain order: the first is the farthest from the host.
 
-    chip: "pic-step", "pic-servo" or "pic-io". version: None accepts any. group: group address after start-up.
-    leader: True, False, or None: lead if nobody before it in this group does (a PIC-I/O never leads by itself).
+    chip: "pic-step", "pic-servo" or "pic-io". version: None accepts any. group: group address after start-up;
+    None: parked, a PIC-I/O in no group of ours (a group Stop Motor would be Set Synch Output to it).
+    leader: True, False, or None: lead if nobody before it in this group does.
     """
 
     chip: str
     version: int | None = None
-    group: int = PARKED_GROUP
+    group: int | None = None
     leader: bool | None = None
     name: str = ""
 
@@ -143,19 +144,41 @@ def make_tracker(info: ModuleInfo, *, reached_stop_is_stopped: bool = True) -> T
 
 def assign_groups(bus: Bus, expected: Sequence[ModuleExpectation]) -> None:
     """Step 9: group addresses and leaders. Raises LocalFault for a second leader in a group."""
-    led: set[int] = {e.group for e in expected if e.leader}
-    for address, module in enumerate(expected, start=1):
+    motors = [(address, module) for address, module in enumerate(expected, start=1) if _group(module) != DEFAULT_GROUP]
+    led: set[int] = {_group(module) for _, module in motors if module.leader}
+    for address, module in motors:
         leads = bool(module.leader)
-        if module.leader is None and module.group not in led and module.chip != picio.FACTS.name:
+        if module.leader is None and _group(module) not in led:
             leads = True
-            led.add(module.group)
-        set_group(bus, address, module.group, leader=leads)
+            led.add(_group(module))
+        set_group(bus, address, _group(module), leader=leads)
+
+
+def _group(module: ModuleExpectation) -> int:
+    if module.group is not None:
+        return module.group
+    return DEFAULT_GROUP if module.chip == picio.FACTS.name else PARKED_GROUP
 
 
 def set_group(bus: Bus, address: int, group: int, *, leader: bool = False) -> None:
     """Put one module into a group (section 3.3); its individual address stays."""
     group_byte = group & ~MEMBER_BIT if leader else group | MEMBER_BIT
     bus.exchange(Exchange(address, SET_ADDRESS, bytes([address, group_byte])))
+
+
+def change_baud(bus: Bus, baud: int, divisor: int | None = None) -> None:
+    """Another rate for a network that is up: all groups are given up for the moment (section 5.1, Set Baud Rate).
+
+    Raises LinkTimeout if a module is silent at the new rate.
+    """
+    before = [(module.address, module.group, module.leader) for module in bus.guard.modules.values()]
+    for address, _, _ in before:
+        set_group(bus, address, DEFAULT_GROUP)
+    bus.set_baud(baud, divisor)
+    for address, _, _ in before:
+        bus.exchange(Exchange(address, NOP))
+    for address, group, leader in before:
+        set_group(bus, address, group, leader=leader)
 
 
 def reset_network(bus: Bus, groups: Sequence[int] = (DEFAULT_GROUP, STREAMING_GROUP, PARKED_GROUP)) -> None:

@@ -10,6 +10,9 @@ import pytest
 from nmc.bus import Bus
 from nmc.modes import StepTracker
 from nmc.servo_modes import ServoTracker
+from nmc.setup import ModuleExpectation, start_up
+from sim.build import Simulation, build
+from sim.spec import BusSpec, StepModule
 
 ITEM_BYTES = (4, 1, 2, 1, 4, 2, 0, 0)
 
@@ -177,3 +180,17 @@ def make_rig() -> Callable[..., Rig]:
 def make_link() -> Callable[..., FakeLink]:
     """A powered-up network of these module kinds, nobody addressed."""
     return lambda *kinds: FakeLink([FakeModule(kind, 1 if kind == 3 else 4) for kind in kinds])
+
+
+@pytest.fixture
+def steppers() -> Callable[..., tuple[Simulation, Bus]]:
+    """A simulated bus of PIC-STEPs, started up at 115200 baud."""
+
+    def make(*modules: StepModule, jitter_ns: int = 0, seed: int = 1) -> tuple[Simulation, Bus]:
+        specs = modules or (StepModule("x"),)
+        simulation = build([BusSpec("bus", specs, host_jitter_max_ns=jitter_ns)], seed)
+        bus = Bus(simulation.links[0])
+        start_up(bus, [ModuleExpectation("pic-step", 1)] * len(specs))
+        return simulation, bus
+
+    return make
