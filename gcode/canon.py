@@ -117,6 +117,8 @@ class Spindle(Command):
 
     direction: Literal[-1, 0, 1]
     speed_rpm: float
+    spelled: str = ""
+    """The canonical function as it is printed (several lines: one each); "" prints what the fields say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +127,8 @@ class Coolant(Command):
 
     mist: bool
     flood: bool
+    spelled: str = ""
+    """The canonical function as it is printed (several lines: one each); "" prints what the fields say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +147,9 @@ class Stop(Command):
 
 @dataclass(frozen=True, slots=True)
 class End(Command):
-    """M2, M30 or the closing percent sign: the program is over."""
+    """M2, M30 or the closing percent sign: the program is over. ``spelled`` is "" where no function is printed."""
+
+    spelled: str = "PROGRAM_END()"
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +177,11 @@ class Text(Command):
     """
 
     function: str
+
+
+@dataclass(frozen=True, slots=True)
+class Printed(Text):
+    """(PRINT, ...): a line for the terminal; ``function`` is the text itself."""
 
 
 KIND_RAPID, KIND_FEED, KIND_ARC = 0, 1, 2

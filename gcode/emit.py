@@ -1,0 +1,122 @@
+"""The emitter: where program coordinates become canonical commands in absolute machine mm.
+
+It keeps the frame of the moment and the last position, from which it knows whether a move turns rotary axes alone
+(whose feed is in degrees, whatever the length unit).
+"""
+
+from __future__ import annotations
+
+from gcode.canon import (
+    Arc,
+    Command,
+    Coolant,
+    Feed,
+    Plane,
+    Position,
+    Probe,
+    Rapid,
+    RigidTap,
+    Spindle,
+    Text,
+)
+from gcode.frame import Frame, FrameChange
+from gcode.state import State, position_of
+
+PLANE_NAMES: dict[int, Plane] = {170: "XY", 180: "ZX", 190: "YZ"}
+PLANE_AXES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
+"""First, second and third axis of a plane, right-handed."""
+
+
+class Emitter:
+    """Collects commands; ``take`` hands them over. ``line`` is the source line of what is emitted next."""
+
+    def __init__(self, state: State) -> None:
+        self.state = state
+        self.line = 0
+        self.frame: Frame = state.frame()
+        self.last: Position = self.frame.to_machine(position_of(state.position))
+        self._out: list[Command] = []
+
+    def take(self) -> list[Command]:
+        """The commands since the last call."""
+        out = self._out
+        self._out = []
+        return out
+
+    def command(self, command: Command) -> None:
+        """A finished command."""
+        self._out.append(command)
+
+    def text(self, function: str) -> None:
+        """A canonical function that moves nothing, spelled as it is printed."""
+        self._out.append(Text(self.line, function))
+
+    def comment(self, text: str) -> None:
+        """COMMENT("...")."""
+        self.text(f'COMMENT("{text}")')
+
+    def frame_change(self, function: str) -> None:
+        """A function that changes offsets, units or rotation: the frame is taken anew from the state."""
+        self.frame = self.state.frame()
+        self._out.append(FrameChange(self.line, function, self.frame))
+
+    def rapid(self, end: list[float]) -> None:
+        """STRAIGHT_TRAVERSE to program coordinates ``end``."""
+        target = self.frame.to_machine(position_of(end))
+        self._out.append(Rapid(self.line, target))
+        self.last = target
+
+    def feed(self, end: list[float]) -> None:
+        """STRAIGHT_FEED to program coordinates ``end`` at the feed of the state."""
+        target = self.frame.to_machine(position_of(end))
+        self._out.append(Feed(self.line, target, self.feed_mm_s(target)))
+        self.last = target
+
+    def arc(self, end: list[float], center: tuple[float, float], turns: int) -> None:
+        """ARC_FEED about ``center`` (program coordinates of the plane's first and second axis)."""
+        first, second, _ = PLANE_AXES[self.state.plane]
+        target = self.frame.to_machine(position_of(end))
+        middle = list(end)
+        middle[first], middle[second] = center
+        at = self.frame.to_machine(position_of(middle))
+        plane = PLANE_NAMES[self.state.plane]
+        self._out.append(Arc(self.line, target, (at[first], at[second]), plane, turns, self.path_feed_mm_s()))
+        self.last = target
+
+    def probe(self, end: list[float], *, away: bool, required: bool) -> None:
+        """STRAIGHT_PROBE towards program coordinates ``end``."""
+        target = self.frame.to_machine(position_of(end))
+        self._out.append(Probe(self.line, target, self.feed_mm_s(target), away, required))
+
+    def rigid_tap(self, end: list[float], pitch: float) -> None:
+        """RIGID_TAP to ``end`` and back; ``pitch`` in program units per revolution."""
+        target = self.frame.to_machine(position_of(end))
+        self._out.append(RigidTap(self.line, target, pitch * self.state.unit_mm))
+
+    def spindle(self, spelled: str) -> None:
+        """The spindle as the state has it now."""
+        state = self.state
+        direction = (state.spindle_direction > 0) - (state.spindle_direction < 0)
+        self._out.append(Spindle(self.line, direction, state.spindle_rpm, spelled))  # type: ignore[arg-type]
+
+    def coolant(self, spelled: str) -> None:
+        """The coolant as the state has it now."""
+        self._out.append(Coolant(self.line, self.state.mist, self.state.flood, spelled))
+
+    def path_feed_mm_s(self) -> float:
+        """The feed of the state along a path of lengths, mm/s. Feed per revolution counts with the spindle's speed."""
+        state = self.state
+        per_minute = state.feed * state.unit_mm
+        if state.feed_mode == 950:
+            per_minute *= abs(state.spindle_rpm)
+        return per_minute / 60.0
+
+    def feed_mm_s(self, target: Position) -> float:
+        """The feed of a straight move from the last position to ``target``: mm/s, or deg/s if only rotary axes turn."""
+        last = self.last
+        if target[:3] != last[:3] or target[6:] != last[6:] or target == last:
+            return self.path_feed_mm_s()
+        per_minute = self.state.feed
+        if self.state.feed_mode == 950:
+            per_minute *= abs(self.state.spindle_rpm)
+        return per_minute / 60.0

@@ -1,0 +1,188 @@
+"""The order of execution of one line, as a table.
+
+RS274/NGC fixes the order in which the parts of a line act, whatever the order in which they are written: comment, feed
+mode, feed, speed, tool, M codes by group, G codes by group, motion, stop. Source: NIST RS274/NGC version 3, table 8,
+with LinuxCNC's additions in the places where it puts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcode import auxiliary, comments, modes, offsets, reference, stops, toolsteps
+from gcode.arcs import arc
+from gcode.block import Block
+from gcode.canon import Dwell
+from gcode.checks import NO_MOTION, check_words, choose_motion
+from gcode.codes import (
+    COMPENSATION,
+    CONTROL,
+    COOLANT,
+    COORDINATES,
+    DISTANCE,
+    FEED_MODE,
+    G92_APPLIED,
+    IJK_DISTANCE,
+    IO,
+    LATHE_DIAMETER,
+    MODAL_0,
+    MOTION,
+    OVERRIDE,
+    PLANE,
+    RETRACT,
+    SPINDLE,
+    SPINDLE_MODE,
+    STOPPING,
+    TOOL_CHANGE,
+    TOOL_LENGTH,
+    UNITS,
+    USER,
+    g_name,
+)
+from gcode.errors import GcodeError
+from gcode.machine import Machine
+from gcode.motion import check_g53, straight
+
+Step = Callable[[Machine, Block], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One place in the order: what triggers it (a word letter, a G group or an M group) and what it does."""
+
+    kind: str
+    key: str
+    step: Step
+
+
+def dwell(machine: Machine, block: Block) -> None:
+    """G4 P, seconds. Other non-modal codes have their own stage."""
+    if block.g[MODAL_0] != 40:
+        return
+    seconds = block.words["p"]
+    if seconds < 0.0:
+        raise GcodeError("GC015", "a negative dwell", "P is a time in seconds", "p")
+    machine.emit.command(Dwell(machine.emit.line, seconds))
+
+
+def modal_0(machine: Machine, block: Block) -> None:
+    """The non-modal codes that act after the modes."""
+    code = block.g[MODAL_0]
+    step = MODAL_0_STEPS.get(code)
+    if step is not None:
+        step(machine, block)
+
+
+def no_step(_machine: Machine, _block: Block) -> None:
+    """G4 and G53 act elsewhere."""
+
+
+def not_built(machine: Machine, block: Block) -> None:
+    """A code that is legal and not interpreted: refused with its place."""
+    raise GcodeError("GC099", f"{g_name(block.g[MODAL_0])} is not supported", "rewrite the line", "g")
+
+
+MODAL_0_STEPS: dict[int, Step] = {
+    40: no_step,
+    530: no_step,
+    280: reference.go_to_reference,
+    300: reference.go_to_reference,
+    281: reference.store_reference,
+    301: reference.store_reference,
+    920: offsets.set_axis_offset,
+    520: offsets.set_axis_offset,
+    100: not_built,
+    53: not_built,
+}
+
+
+def motion(machine: Machine, block: Block) -> None:
+    """The motion code of the line, explicit or modal."""
+    code = block.motion
+    if code is None:
+        return
+    state = machine.state
+    if code == NO_MOTION:
+        state.motion = NO_MOTION
+        machine.emit.comment("interpreter: motion mode set to none")
+    elif code in {0, 10}:
+        straight(machine, block, code)
+    elif code in {20, 30}:
+        arc(machine, block, code)
+    else:
+        raise GcodeError("GC099", f"{g_name(code)} is not supported", "rewrite the line", "motion")
+
+
+def compensation(machine: Machine, block: Block) -> None:
+    """G40 to G42.1."""
+    code = block.g[COMPENSATION]
+    if code != 400:
+        raise GcodeError("GC099", f"{g_name(code)} is not supported", "let the CAM compensate the tool radius", "g")
+    machine.emit.comment("interpreter: cutter radius compensation off")
+
+
+def user(_machine: Machine, block: Block) -> None:
+    """M100 to M199: programs of the user's own, of which there are none."""
+    code = block.m[USER]
+    raise GcodeError("GC011", f"M{code}: no such user program", "remove it, or choose a dialect that warns", f"M{code}")
+
+
+ORDER: tuple[Stage, ...] = (
+    Stage("comment", "", comments.comment),
+    Stage("g", SPINDLE_MODE, auxiliary.set_spindle_mode),
+    Stage("g", FEED_MODE, modes.set_feed_mode),
+    Stage("word", "f", modes.set_feed),
+    Stage("word", "s", auxiliary.set_speed),
+    Stage("word", "t", toolsteps.select_tool),
+    Stage("m", IO, auxiliary.set_output),
+    Stage("m", TOOL_CHANGE, toolsteps.change_tool),
+    Stage("m", SPINDLE, auxiliary.turn_spindle),
+    Stage("m", COOLANT, auxiliary.set_coolant),
+    Stage("m", OVERRIDE, auxiliary.set_override),
+    Stage("m", USER, user),
+    Stage("g", MODAL_0, dwell),
+    Stage("g", PLANE, modes.set_plane),
+    Stage("g", UNITS, modes.set_units),
+    Stage("g", LATHE_DIAMETER, modes.set_lathe_diameter),
+    Stage("g", COMPENSATION, compensation),
+    Stage("g", TOOL_LENGTH, toolsteps.set_tool_length),
+    Stage("g", COORDINATES, offsets.set_coordinate_system),
+    Stage("g", CONTROL, modes.set_control),
+    Stage("g", DISTANCE, modes.set_distance),
+    Stage("g", IJK_DISTANCE, modes.set_ijk_distance),
+    Stage("g", RETRACT, modes.set_retract),
+    Stage("g", MODAL_0, modal_0),
+    Stage("g", G92_APPLIED, offsets.apply_axis_offset),
+    Stage("motion", MOTION, motion),
+    Stage("m", STOPPING, stops.stop),
+)
+
+
+def execute(machine: Machine, block: Block) -> None:
+    """Checks a block and runs its stages in order. Raises ``GcodeError``; commands go to ``machine.emit``."""
+    state = machine.state
+    if state.lathe_diameter and "x" in block.words:
+        block.words["x"] *= 0.5
+    choose_motion(block, state.motion, state.plane)
+    if block.g.get(MODAL_0) == 530:
+        check_g53(machine, block)
+    check_words(block)
+    machine.emit.line = block.line
+    words, g, m = block.words, block.g, block.m
+    for stage in ORDER:
+        kind = stage.kind
+        if kind == "g":
+            if stage.key in g:
+                stage.step(machine, block)
+        elif kind == "word":
+            if stage.key in words:
+                stage.step(machine, block)
+        elif kind == "m":
+            if stage.key in m:
+                stage.step(machine, block)
+        elif kind == "motion":
+            if block.motion is not None:
+                stage.step(machine, block)
+        elif block.comment is not None:
+            stage.step(machine, block)

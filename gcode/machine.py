@@ -1,0 +1,66 @@
+"""The interpreter's machine: state, parameters, tools and emitter, which every step of a line works on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gcode.emit import Emitter
+from gcode.errors import GcodeError
+from gcode.parameters import Parameters
+from gcode.setup import Setup, Tool
+from gcode.state import NO_TOOL, State
+
+Warn = Callable[[GcodeError], None]
+MACHINE_UNIT_MM = {"mm": 1.0, "inch": 25.4}
+
+
+class Machine:
+    """One run. ``finished`` is set by M2 and M30."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.state = State(machine_unit_mm=MACHINE_UNIT_MM[setup.machine_units])
+        self.parameters = Parameters(self.state, setup.parameters)
+        self.tools: dict[int, Tool] | None = None if setup.tools is None else dict(setup.tools)
+        self.finished = False
+        self.warnings: list[GcodeError] = []
+        self._begin()
+        self.emit = Emitter(self.state)
+
+    def _begin(self) -> None:
+        """Offsets of the parameters, the work offset over them, and the start position in their frame."""
+        state, values, setup = self.state, self.parameters.values, self.setup
+        system = int(values.get(5220, 1.0) + 1e-4)
+        state.system = system if 1 <= system <= 9 else 1
+        values[5220] = float(state.system)
+        if setup.work_offset is not None:
+            for axis, offset_mm in enumerate(setup.work_offset):
+                values[5221 + axis] = offset_mm / state.machine_unit_mm if axis not in (3, 4, 5) else offset_mm
+        self.load_system(state.system)
+        if values.get(5210, 0.0):
+            state.shift = [state.from_machine_units(values.get(5211 + axis, 0.0), axis) for axis in range(9)]
+        start = [value / state.unit_mm if axis not in (3, 4, 5) else value for axis, value in enumerate(setup.start)]
+        state.position = state.relative(start)
+
+    def load_system(self, system: int) -> None:
+        """Origin and rotation of coordinate system ``system`` (1 is G54) into the state."""
+        state, values = self.state, self.parameters.values
+        base = 5201 + 20 * system
+        state.origin = [state.from_machine_units(values.get(base + axis, 0.0), axis) for axis in range(9)]
+        state.rotation_deg = values.get(base + 9, 0.0)
+
+    def tool(self, number: int, at: str) -> Tool:
+        """The tool ``number``. GC060 if the table lacks it; without a table every number is a tool without length."""
+        if self.tools is None:
+            return Tool(number) if number else NO_TOOL
+        tool = self.tools.get(number)
+        if tool is None:
+            if number == 0:
+                return NO_TOOL
+            known = " ".join(f"T{n}" for n in sorted(self.tools)[:12]) or "no tools"
+            raise GcodeError("GC060", f"tool {number} is not in the tool table", f"the table has {known}", at)
+        return tool
+
+    def warn(self, code: str, message: str, hint: str, at: str | None = None) -> None:
+        """Notes something legal and suspicious about the line being executed."""
+        self.warnings.append(GcodeError(code, message, hint, at))
