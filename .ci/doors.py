@@ -14,7 +14,6 @@ from pathlib import Path
 PACKAGES = ("groupstart", "machines", "planner", "sim", "gcode", "nmc")
 DOORS: dict[str, tuple[str, ...]] = {
     "time": ("nmc/serial_link.py",),
-    "datetime": ("nmc/serial_link.py",),
     "serial": ("nmc/serial_link.py",),
     "random": (),
     "secrets": (),
@@ -31,6 +30,8 @@ def breaks(root: Path) -> Iterator[str]:
                 for module in imported(node):
                     if module in DOORS and place not in DOORS[module]:
                         yield f"{place}:{node.lineno}: imports {module}; its door: {', '.join(DOORS[module]) or 'none'}"
+                if reads_clock(node):
+                    yield f"{place}:{node.lineno}: reads the wall clock; its door: {DOORS['time'][0]}"
                 if makes_generator(node) and place not in GENERATOR_MADE_IN:
                     yield f"{place}:{node.lineno}: makes a random generator; its door: {', '.join(GENERATOR_MADE_IN)}"
 
@@ -41,6 +42,11 @@ def imported(node: ast.AST) -> Iterator[str]:
         yield from (alias.name.split(".")[0] for alias in node.names)
     elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
         yield node.module.split(".")[0]
+
+
+def reads_clock(node: ast.AST) -> bool:
+    """``datetime.now()`` and its like; converting a time that came from elsewhere is no clock."""
+    return isinstance(node, ast.Attribute) and node.attr in ("now", "utcnow", "today")
 
 
 def makes_generator(node: ast.AST) -> bool:

@@ -57,7 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         status = cli.main(arguments, prog_name="groupstart", standalone_mode=False)
     except VerbError as error:
-        click.echo(error.text, err=True)
+        if error.text:
+            click.echo(error.text, err=True)
         status = error.status
     except click.ClickException as error:
         error.show()

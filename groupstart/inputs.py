@@ -2,13 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 
 if TYPE_CHECKING:
+    from gcode.canon import Position
+    from gcode.errors import Diagnostic
+    from gcode.setup import Setup
+    from machines.job import Job
     from machines.load import MachineFile
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramChoices:
+    """Options of the verbs that read a program."""
+
+    work_offset: Position | None = None
+    dialect: str = "linuxcnc"
+    machine_units: Literal["mm", "inch"] = "mm"
+
+    @classmethod
+    def of(
+        cls, work_offset: tuple[float, ...] | None, dialect: str, machine_units: Literal["mm", "inch"] = "mm"
+    ) -> ProgramChoices:
+        """From the values of the command line."""
+        offset = None
+        if work_offset is not None:
+            x, y, z, a, b, c, u, v, w = work_offset
+            offset = (x, y, z, a, b, c, u, v, w)
+        return cls(offset, "linuxcnc" if dialect == "auto" else dialect, machine_units)
 
 
 def read_program(path: str) -> str:
@@ -38,3 +66,43 @@ def open_machine(name_or_path: str) -> MachineFile:
         raise VerbError(str(error), EXIT_REFUSED) from None
     except MachineMissingError as error:
         raise VerbError(str(error), EXIT_FAULT) from None
+
+
+def program_setup(file: str, choices: ProgramChoices) -> Setup:
+    """What the interpreter is told beside the program itself."""
+    from gcode.setup import Setup
+
+    return Setup(
+        work_offset=choices.work_offset,
+        dialect=choices.dialect,
+        machine_units=choices.machine_units,
+        file=file,
+    )
+
+
+def refuse_if_bad(job: Job, as_json: bool = False) -> None:
+    """Print a job's diagnostics on stderr; raise VerbError (status 1) if there are errors among them."""
+    if job.diagnostics:
+        click.echo("\n".join(diagnostic_texts(job.diagnostics, job.text, as_json)), err=True)
+    if job.errors:
+        raise VerbError(f"{job.name}: refused, {counted(job.diagnostics)}", EXIT_REFUSED)
+
+
+def diagnostic_texts(diagnostics: Sequence[Diagnostic], text: str, as_json: bool = False) -> list[str]:
+    """Each diagnostic as a compiler prints it, or as one JSON object."""
+    from gcode.source import split_lines
+
+    if as_json:
+        return [item.as_json() for item in diagnostics]
+    lines = split_lines(text)
+    return [item.text(lines[item.line - 1] if 1 <= item.line <= len(lines) else "") for item in diagnostics]
+
+
+def counted(diagnostics: Sequence[Diagnostic]) -> str:
+    """``2 errors, 1 warning``."""
+    words = []
+    for severity in ("error", "warning"):
+        count = sum(item.severity == severity for item in diagnostics)
+        if count:
+            words.append(f"{count} {severity}" + ("s" if count > 1 else ""))
+    return ", ".join(words) or "no errors"

@@ -16,6 +16,7 @@ from gcode.canon import AXES, ORIGIN, Command, MoveBlock, Position
 from gcode.errors import Diagnostic
 from gcode.interp import interpret
 from gcode.setup import Setup
+from gcode.source import split_lines
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
 from machines.wiring import planned_axes, planner_limits, travel
@@ -105,7 +106,7 @@ def _moves(count: int) -> str:
 
 def _columns(text: str, line: int, axis: str) -> tuple[int, int]:
     """Columns of the axis's word in a source line, comments aside; the whole line if it is not written there."""
-    lines = re.split(r"\r\n|\r|\n", text)
+    lines = split_lines(text)
     source = lines[line - 1] if line <= len(lines) else ""
     bare = re.sub(r"\([^)]*\)|;.*", lambda match: " " * len(match.group()), source)
     word = re.search(rf"{axis}\s*[-+]?[0-9. ]*[0-9.]", bare, re.IGNORECASE) if axis else None

@@ -6,8 +6,10 @@ Every line of the journal is flushed, so that after a crash or a power cut the f
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Mapping
+from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
@@ -24,10 +26,10 @@ class RunFolder:
         self._journal: TextIOWrapper = (path / "journal.jsonl").open("x", encoding="utf-8")
 
     @classmethod
-    def create(cls, parent: Path, stamp: str, job: str) -> RunFolder:
-        """Make ``parent/<stamp>-<job>/``; a second run of the same second gets a number behind it."""
-        name = f"{stamp}-{safe_name(job)}"
+    def create(cls, parent: Path, job: str) -> RunFolder:
+        """Make ``parent/<time>-<job>/``; a second run of the same second gets a number behind it."""
         parent.mkdir(parents=True, exist_ok=True)
+        name = f"{_stamp(parent)}-{safe_name(job)}"
         for attempt in range(_MAX_SAME_SECOND):
             path = parent / (name if attempt == 0 else f"{name}-{attempt + 1}")
             try:
@@ -63,6 +65,12 @@ class RunFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _stamp(parent: Path) -> str:
+    """Local date and time, as the file system tells it: no other wall clock is read in this room."""
+    os.utime(parent)
+    return datetime.fromtimestamp(parent.stat().st_mtime).strftime("%Y%m%d-%H%M%S")
 
 
 def safe_name(job: str) -> str:

@@ -18,6 +18,7 @@ from typing import Any
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.patience import PatientSource
 from machines.schema import MachineConfig
 from machines.wiring import bus_timing, motor_tables, step_motors
 from nmc.errors import NmcError
@@ -26,6 +27,7 @@ from nmc.program import Evidence
 from planner.stream import LEAD_IN_NS, Progress, StepSource, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
+from sim.build import Simulation
 
 PROGRESS_EVERY_NS = 100_000_000
 
@@ -101,6 +103,15 @@ class Session:
         if self._connection is None:
             raise SessionError("the machine is not connected")
         return self._connection
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """The twin, if the machine runs on it and is connected."""
+        return self._connection.simulation if self._connection else None
+
+    def records(self) -> dict[str, list[str]]:
+        """Bytes of real ports as text, by bus."""
+        return self._connection.records() if self._connection else {}
 
     @property
     def now_ns(self) -> int:
@@ -194,7 +205,8 @@ class Session:
         wire_bytes = sum(each.bytes_out + each.bytes_in for each in counters)
         next_ns, line = self.now_ns, 0
         finished = True
-        for evidence in play(self.connection.buses, source):
+        patient = PatientSource(source, step_motors(self.config)[0].address)
+        for evidence in play(self.connection.buses, patient):
             statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
             if evidence.exchange.line != line:
                 line = evidence.exchange.line

@@ -1,0 +1,46 @@
+"""From a file and options to a planned job, with the words for every refusal on the way."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from groupstart.exits import EXIT_REFUSED, VerbError
+from groupstart.inputs import ProgramChoices, diagnostic_texts, program_setup, refuse_if_bad
+
+if TYPE_CHECKING:
+    from machines.job import Job
+    from machines.load import MachineFile
+    from planner.plan import Plan
+    from planner.timing import Solver
+
+
+def checked_job(name: str, text: str, choices: ProgramChoices, machine: MachineFile) -> Job:
+    """Read and check a program; its diagnostics go to stderr. Raises VerbError if there are errors."""
+    from machines.job import read_job
+
+    job = read_job(text, program_setup(name, choices), machine.config)
+    refuse_if_bad(job)
+    return job
+
+
+def planned(job: Job, machine: MachineFile, solver: str) -> Plan:
+    """Plan a checked job. Raises VerbError with the program's line if it cannot be planned on this machine."""
+    from machines.job import plan_diagnostic, plan_job
+    from planner.errors import PlanError
+
+    try:
+        return plan_job(job, machine.config, cast("Solver", solver))
+    except PlanError as error:
+        found = plan_diagnostic(error, job)
+        raise VerbError("\n".join(diagnostic_texts([found], job.text)), EXIT_REFUSED) from None
+
+
+def print_report(plan: Plan, as_json: bool) -> None:
+    """The plan report on stdout."""
+    if as_json:
+        click.echo(json.dumps(json.loads(plan.report.as_json()), indent=2))
+    else:
+        click.echo(plan.report.text())

@@ -1,0 +1,49 @@
+"""The progress of a run on stderr: a bar with line, time left and position; silent where stderr is no terminal."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+if TYPE_CHECKING:
+    from planner.stream import Progress as StreamProgress
+
+
+class RunProgress:
+    """Use as a context; call it with every progress of the stream."""
+
+    def __init__(self, duration_s: float, last_line: int) -> None:
+        self._bar = Progress(
+            TextColumn("running"),
+            BarColumn(),
+            TextColumn("line {task.fields[line]} of " + str(last_line)),
+            TextColumn("{task.fields[left]} left"),
+            TextColumn("{task.fields[place]}"),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        self._task = self._bar.add_task("run", total=max(duration_s, 1e-9), line=0, left="", place="")
+
+    def __enter__(self) -> RunProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def __call__(self, progress: StreamProgress) -> None:
+        """Show where the stream is."""
+        place = " ".join(f"{axis}{value:.2f}" for axis, value in progress.position.items())
+        left = minutes(max(progress.duration_s - progress.time_s, 0.0))
+        self._bar.update(self._task, completed=progress.time_s, line=progress.line, left=left, place=place)
+
+
+def minutes(seconds: float) -> str:
+    """``75.2`` as ``1:15``."""
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02d}"

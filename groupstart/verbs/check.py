@@ -1,0 +1,44 @@
+"""``groupstart check``: every mistake of a program, each with its place and a hint, before anything moves."""
+
+from __future__ import annotations
+
+import click
+
+from groupstart.exits import EXIT_REFUSED, VerbError
+from groupstart.inputs import (
+    ProgramChoices,
+    counted,
+    diagnostic_texts,
+    open_machine,
+    program_setup,
+    read_program,
+)
+from groupstart.options import file_argument, program_options
+
+
+@click.command(name="check")
+@file_argument
+@click.option("-m", "--machine", metavar="NAME|PATH", help="Hold the program against this machine's axes and travel.")
+@program_options
+@click.option("--json", "as_json", is_flag=True, help="One JSON object for each diagnostic.")
+def command(file: str, machine: str | None, work_offset: tuple[float, ...] | None, dialect: str, as_json: bool) -> None:
+    """Parse and interpret FILE; print every error with line, column, caret and a hint.
+
+    Exit status 1 if there are errors; warnings alone leave it at 0.
+    """
+    text = read_program(file)
+    setup = program_setup(file, ProgramChoices.of(work_offset, dialect))
+    if machine is None:
+        from gcode.interp import interpret
+
+        diagnostics = interpret(text, setup).diagnostics
+    else:
+        from machines.job import read_job
+
+        diagnostics = list(read_job(text, setup, open_machine(machine).config).diagnostics)
+    for line in diagnostic_texts(diagnostics, text, as_json):
+        click.echo(line)
+    summary = f"{file}: {counted(diagnostics)}"
+    if any(item.severity == "error" for item in diagnostics):
+        raise VerbError(summary, EXIT_REFUSED)
+    click.echo(summary, err=True)

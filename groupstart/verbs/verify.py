@@ -1,0 +1,63 @@
+"""``groupstart verify``: the dry run. A program on the machine's twin, judged; exit status 1 if it is not good."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.inputs import ProgramChoices, open_machine, read_program
+from groupstart.options import file_argument, machine_option, program_options, solver_option, stream_options
+from groupstart.planned import checked_job, planned
+
+
+@click.command(name="verify")
+@file_argument
+@machine_option
+@program_options
+@solver_option
+@stream_options
+@click.option("--json", "as_json", is_flag=True, help="The verdict as JSON.")
+@click.option("--trace", type=click.Path(), help="File for everything that came out of the pins (trace.npz).")
+def command(
+    file: str,
+    machine: str,
+    work_offset: tuple[float, ...] | None,
+    dialect: str,
+    solver: str,
+    profile: str,
+    seed: int | None,
+    as_json: bool,
+    trace: str | None,
+) -> None:
+    """Run FILE on the simulated machine and judge what comes out of its pins.
+
+    The same bytes go to the simulator as would go to the chips. Exit status 0 if the verdict is good, 1 if not.
+    """
+    from machines.runner import RunOptions, perform, scales
+
+    text = read_program(file)
+    described = open_machine(machine)
+    job = checked_job(file, text, ProgramChoices.of(work_offset, dialect), described)
+    plan = planned(job, described, solver)
+    from groupstart.progress import RunProgress
+    from groupstart.stopflag import StopFlag
+
+    options = RunOptions(port="sim", seed=seed, profile=profile)
+    with RunProgress(plan.trajectory.duration_s, len(text.splitlines())) as progress, StopFlag() as stop:
+        result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
+    if trace is not None and result.trace is not None:
+        start_ns = result.outcome.plan_start_ns if result.outcome else 0
+        result.trace.save(trace, steps_per_unit=scales(described), plan_start_ns=start_ns)
+        click.echo(f"wrote {trace}", err=True)
+    if result.verdict is None:
+        raise VerbError(result.fault, EXIT_FAULT)
+    if as_json:
+        click.echo(json.dumps(result.verdict.as_json(), indent=2))
+    else:
+        from groupstart.verdicttable import print_verdict
+
+        print_verdict(result.verdict)
+    if not result.verdict.ok:
+        raise VerbError("", EXIT_REFUSED)

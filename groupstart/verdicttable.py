@@ -1,0 +1,55 @@
+"""The verdict for people: one table, then GO or NO-GO with the reasons."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from machines.verdict import Spread, Verdict
+
+
+def print_verdict(verdict: Verdict) -> None:
+    """Print the verdict table on stdout."""
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(title=f"verdict: {verdict.machine}", title_justify="left", show_header=False)
+    table.add_column("what", no_wrap=True)
+    table.add_column("value")
+    for what, value in verdict_rows(verdict):
+        table.add_row(what, value)
+    console.print(table)
+    if verdict.ok:
+        console.print("GO: the motion is the plan, to the step", style="bold green")
+    else:
+        console.print("NO-GO: " + "; ".join(verdict.reasons), style="bold red")
+
+
+def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
+    """Name and value of each row; what is not known on this machine is left out."""
+    rows = [("planned time", f"{verdict.plan_time_s:.3f} s")]
+    if verdict.sim_time_s is not None:
+        percent = 100 * (verdict.sim_time_s / verdict.plan_time_s - 1) if verdict.plan_time_s else 0.0
+        rows.append(("simulated time", f"{verdict.sim_time_s:.3f} s ({percent:+.3f} %)"))
+    if verdict.contour_steps is not None and verdict.contour_um is not None:
+        rows.append(("contour error", f"{_spread(verdict.contour_steps)} steps, worst in line {verdict.worst_line}"))
+        rows.append(("", f"{_spread(verdict.contour_um)} um"))
+    if verdict.program_um is not None:
+        rows.append(("from the programmed path", f"at most {verdict.program_um:.1f} um"))
+    if verdict.lag_ms is not None:
+        rows.append(("lag along the path", f"at most {verdict.lag_ms[0]:.1f} ms, rms {verdict.lag_ms[1]:.2f} ms"))
+    ends = "  ".join(f"{axis} {steps:+d}" if steps else f"{axis} 0" for axis, steps in verdict.end_error_steps.items())
+    rows.append(("end error", f"{ends} steps"))
+    use = verdict.bus
+    rows.append(
+        (
+            "bus use",
+            f"{100 * use.utilisation:.0f} %, {use.packets} packets, {use.bytes} bytes, slice {use.slice_ms:.1f} ms, "
+            f"{verdict.late_slices} late",
+        )
+    )
+    names = ", ".join(f"{name}: {count}" for name, count in verdict.violations.items())
+    rows.append(("violations of the data sheets", names or "none"))
+    return rows
+
+
+def _spread(spread: Spread) -> str:
+    return f"max {spread.max:.2f}, 99.9 % {spread.p999:.2f}, rms {spread.rms:.2f}"
