@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,16 @@ from sim.draws import Draws
 from sim.link import SimLink
 from sim.module import NmcModule
 from sim.picstep import PicStep
-from sim.spec import BusSpec, Module, SimOptions
+from sim.spec import BusSpec, Module, SimOptions, StepModule
 from sim.trace import BusLog, Trace, collect
 from sim.violations import Incident, Log, Violation
 from sim.world import World
 
+if TYPE_CHECKING:
+    from sim.picservo import PicServo
+
 MAX_MODULES = 32
+SERVO_TYPE = 0
 
 
 class Simulation:
@@ -45,14 +50,23 @@ class Simulation:
         """All PIC-STEP modules by name."""
         return {name: m for name, m in self.modules.items() if isinstance(m, PicStep)}
 
+    def servos(self) -> dict[str, PicServo]:
+        """All PIC-SERVO modules by name."""
+        return {name: m for name, m in self.modules.items() if m.type_id == SERVO_TYPE}  # type: ignore[misc]
+
     def trace(self) -> Trace:
         """Everything that came out up to the present time, motors in the order in which they were described."""
         for bus in self.buses:
             bus.status.settle(self.world.now_ns)
-        steppers = self.steppers()
+        steppers, servos = self.steppers(), self.servos()
         for stepper in steppers.values():
             stepper.synchronise()
-        return collect(list(steppers), {name: m.runs for name, m in steppers.items()}, {}, self.bus_logs)
+        for servo in servos.values():
+            servo.synchronise()
+            servo.flush_samples()
+        motors = [name for name in self.modules if name in steppers or name in servos]
+        runs = {name: m.runs for name, m in steppers.items()}
+        return collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs)
 
 
 def build(buses: Sequence[BusSpec], seed: int, options: SimOptions | None = None) -> Simulation:
@@ -86,4 +100,8 @@ def _draws(seed: int, bus: int, use: int) -> Draws:
 def _module(spec: Module, bus: Bus, draws: Draws, options: SimOptions) -> NmcModule:
     ppm = spec.crystal_ppm + (2 * draws.unit() - 1) * spec.crystal_ppm_max
     phase_ns = -draws.below_ns(options.power_phase_max_ns)
-    return PicStep(spec, bus, round(ppm * 1000), draws, phase_ns, options)
+    if isinstance(spec, StepModule):
+        return PicStep(spec, bus, round(ppm * 1000), draws, phase_ns, options)
+    from sim.picservo import PicServo  # its kernel is compiled: only where there is a servo
+
+    return PicServo(spec, bus, round(ppm * 1000), draws, phase_ns, options)

@@ -24,6 +24,7 @@ COMM_ERROR = 0x02
 class NmcModule:
     """One module on a bus. ``epoch`` changes whenever what was under way must be forgotten (reset)."""
 
+    type_id = -1
     mask_bits = 0x3F
     name: str
 
@@ -48,10 +49,14 @@ class NmcModule:
         self.addr_out_low = False
         self.mask = 0x00
         self.brd = POWER_UP_BRD
-        self.rx_baud = chip_baud(self.brd, self.ppb)
+        self.rx_baud = self.rate(self.brd)
         self.packet_bytes = bytearray()
         self.packet_clean = True
         self.idle = True
+
+    def rate(self, brd: int) -> float:
+        """True baud for a divisor."""
+        return chip_baud(brd, self.ppb)
 
     # -- hearing -----------------------------------------------------------------------------------------------------
 
@@ -192,7 +197,7 @@ class NmcModule:
     def _set_baud(self, brd: int) -> None:
         self.bus.command.disturb()
         self.brd = brd
-        self.rx_baud = chip_baud(brd, self.ppb)
+        self.rx_baud = self.rate(brd)
 
     def hard_reset(self) -> None:
         """Power-up state; ADDR_OUT goes HIGH, so everything behind it in the chain falls silent."""
@@ -211,6 +216,11 @@ class NmcModule:
     def incident(self, what: str) -> None:
         """Log something that the chip did on its own account."""
         self.log.incident(self.world.now_ns, self.name, what)
+
+    def zero_bits(self, rule: str, value: int, mask: int) -> None:
+        """Log bits that the sheet wants to be zero."""
+        if value & mask:
+            self.violation(rule, f"byte 0x{value:02X}: bits 0x{mask:02X} should be zero, ignored")
 
     def later(self, time_ns: int, command: int, data: bytes) -> None:
         """Execute a command at ``time_ns`` unless the module is reset before."""

@@ -17,7 +17,6 @@ from sim.stepload import StepLoads
 from sim.stepmodes import Mode
 from sim.steptimer import BASE_TICK_NS, QUARTER_MS_TICKS, StepTimer
 from sim.trace import StepRuns
-from sim.uart import chip_baud
 
 _DATA_LENGTH = {
     nmc.RESET_POSITION: 0,
@@ -83,7 +82,7 @@ class PicStep(nmc.NmcModule):
             self.synchronise()
             baud = self.rx_baud
             if good and command == nmc.SET_BAUD and data:
-                baud = chip_baud(data[0], self.ppb)
+                baud = self.rate(data[0])
                 self.violation("N-084", "Set Baud with an answer: it comes at the new rate")
             mask = self.reply_mask(command, data) if good else self.mask
             start_ns = now_ns + self.draws.below_ns(self.spec.reply_delay_max_ns)
@@ -192,11 +191,6 @@ class PicStep(nmc.NmcModule):
                 if self.homing:
                     self.violation("X-75", "Save as Home while homing: the home register is overwritten")
                 self.home_position = self.timer.position
-
-    def zero_bits(self, rule: str, value: int, mask: int) -> None:
-        """Log bits that the sheet wants to be zero."""
-        if value & mask:
-            self.violation(rule, f"byte 0x{value:02X}: bits 0x{mask:02X} should be zero, ignored")
 
     def _reset_position(self) -> None:
         if self.timer.mode != Mode.STOPPED:
