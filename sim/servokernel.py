@@ -14,6 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 I8 = npt.NDArray[np.int64]
+I4 = npt.NDArray[np.int32]
 F8 = npt.NDArray[np.float64]
 
 # registers of the chip
@@ -114,7 +115,7 @@ def _plant(n: I8, f: F8) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _encoder(n: I8, f: F8) -> None:
     """PIC-ENC: a 16-bit wrapping count, extended to 32 bits; edges closer than 2 us are missed (section 3.2, 4.2)."""
-    count = int(math.floor(f[THETA]))
+    count = math.floor(f[THETA])
     moved = count - n[COUNT]
     n[COUNT] = count
     if abs(f[OMEGA]) > FASTEST_COUNTS_S:
@@ -162,7 +163,7 @@ def _limit_current(n: I8) -> bool:
         return False
     over = n[AD] > limit if n[CL] & 1 else n[AD] < limit
     if over:
-        n[ADJUST] = min(n[ADJUST] + 1, min(abs(n[OUTPUT]) >> 8, n[OL]))
+        n[ADJUST] = min(n[ADJUST] + 1, abs(n[OUTPUT]) >> 8, n[OL])
         n[OVERCURRENT] = 1
     else:
         n[ADJUST] = max(n[ADJUST] - 1, 0)
@@ -275,10 +276,8 @@ def _home(n: I8, index_passed: bool, error: bool, limiting: bool) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(
-    ticks: int, n: I8, f: F8, switches: I8, command: npt.NDArray[np.int32], position: npt.NDArray[np.int32]
-) -> None:
-    """Run ``ticks`` full-rate ticks. Samples go to command and position i4[K] from n[SAMPLES] on; the caller makes room."""
+def run(ticks: int, n: I8, f: F8, switches: I8, command: I4, position: I4) -> None:
+    """Run ``ticks`` full-rate ticks. Samples go to command, position i4[K] from n[SAMPLES] on; the caller makes room."""
     for _ in range(ticks):
         n[TICK] += 1
         before = n[COUNT]

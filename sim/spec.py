@@ -115,8 +115,8 @@ class SimOptions:
     """Choices that hold for all modules.
 
     reached_stop_is_stopped: a reached stop position counts as mode Stopped (X-64).
-    trapezoid_change: what a trapezoid started during a trapezoid does to the command position: "jump" to the old goal, or
-    "restart" from where it is (X-07). reset_relative_home: Reset Position with one data byte is accepted (X-02).
+    trapezoid_change: what a trapezoid started during a trapezoid does to the command position: "jump" to the old goal
+    or "restart" from where it is (X-07). reset_relative_home: Reset Position with one data byte is accepted (X-02).
     power_phase_max_ns: chips come up within this time of power-on, each with its own phase.
     trace_bus: keep every byte of the buses in the trace.
     """
