@@ -118,7 +118,8 @@ def set_output(machine: Machine, block: Block) -> None:
     """M62 to M65 (digital, P) and M67, M68 (analog, E and Q)."""
     code = block.m[IO]
     if code == 66:
-        raise GcodeError("GC099", "M66 is not supported", "remove the line", "M66")
+        wait_for_input(machine, block)
+        return
     refuse_under_compensation(machine, "an output", f"M{code}")
     letter = "e" if code in {67, 68} else "p"
     if letter not in block.words:
@@ -133,3 +134,24 @@ def set_output(machine: Machine, block: Block) -> None:
         machine.emit.command(Output(machine.emit.line, index, value, True, code == 67))
     else:
         machine.emit.command(Output(machine.emit.line, index, float(code in {62, 64}), False, code in {62, 63}))
+
+
+def wait_for_input(machine: Machine, block: Block) -> None:
+    """M66 P (digital) or E (analog), L (how to wait), Q (longest wait, s). The answer goes to #5399."""
+    words = block.words
+    digital, analog = "p" in words, "e" in words
+    mode = block.whole("l") if "l" in words else 0
+    timeout = words.get("q", 0.0)
+    if digital == analog:
+        raise GcodeError("GC073", "M66 needs P or E", "P is a digital input, E an analog one", "M66")
+    if not 0 <= mode <= 4:
+        raise GcodeError("GC073", "L of M66 must be 0 to 4", "0 at once, 1 rise, 2 fall, 3 high, 4 low", "l")
+    if mode > 0 and timeout <= 0.0:
+        raise GcodeError("GC073", "M66 waits without a time limit", "Q is the longest wait in seconds", "M66")
+    if analog and mode != 0:
+        raise GcodeError("GC073", "an analog input cannot be waited for", "use L0 with E", "l")
+    index = block.whole("p" if digital else "e")
+    if index < 0:
+        raise GcodeError("GC015", "a negative input number", "inputs are numbered from 0", "p" if digital else "e")
+    refuse_under_compensation(machine, "reading an input", "M66")
+    machine.wait("input", index=index, analog=analog, mode=mode, timeout_s=timeout)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcode import auxiliary, comments, modes, offsets, reference, stops, toolsteps
+from gcode import auxiliary, comments, modes, offsets, reference, saved, stops, toolsteps
 from gcode.arcs import arc
 from gcode.block import Block
 from gcode.canon import Dwell
@@ -122,6 +122,14 @@ def compensation(machine: Machine, block: Block) -> None:
     machine.emit.comment("interpreter: cutter radius compensation off")
 
 
+def spindle(machine: Machine, block: Block) -> None:
+    """M3, M4, M5 and M19; M70 to M73 share their group."""
+    if block.m[SPINDLE] >= 70:
+        saved.saved_state(machine, block)
+    else:
+        auxiliary.turn_spindle(machine, block)
+
+
 def user(_machine: Machine, block: Block) -> None:
     """M100 to M199: programs of the user's own, of which there are none."""
     code = block.m[USER]
@@ -137,7 +145,7 @@ ORDER: tuple[Stage, ...] = (
     Stage("word", "t", toolsteps.select_tool),
     Stage("m", IO, auxiliary.set_output),
     Stage("m", TOOL_CHANGE, toolsteps.change_tool),
-    Stage("m", SPINDLE, auxiliary.turn_spindle),
+    Stage("m", SPINDLE, spindle),
     Stage("m", COOLANT, auxiliary.set_coolant),
     Stage("m", OVERRIDE, auxiliary.set_override),
     Stage("m", USER, user),

@@ -1,28 +1,37 @@
 """The driver: a program's text goes in, canonical commands and diagnostics come out.
 
-``Run`` executes line after line. A line that is refused is noted and skipped, so that one pass finds all errors of a
-file; what follows an error is still checked, with care not to report consequences of what was skipped.
+``Run.events`` is a generator of commands that stops at synch points and goes on with the machine's answer. A line that
+is refused is noted and skipped, so that one pass finds all errors of a file; what follows an error is still checked,
+with care not to report consequences of what was skipped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 from gcode.block import AXIS_LETTERS, Block, Line
-from gcode.canon import Command, End
+from gcode.canon import Command, End, Position
 from gcode.errors import Diagnostic, GcodeError
 from gcode.execute import execute
 from gcode.expressions import evaluate, whole
+from gcode.flow import Flow, is_call
+from gcode.library import Library
 from gcode.machine import Machine
+from gcode.named import ini_value, install
 from gcode.offsets import emit_origin, emit_rotation, emit_shift
 from gcode.places import place
+from gcode.program import Program, has_percent
 from gcode.recovery import meant, recover
 from gcode.resolve import resolve
-from gcode.scanner import scan_line
+from gcode.scanner import MAX_LINE, scan_line
 from gcode.setup import Setup
-from gcode.source import split_lines
 from gcode.state import AXIS_INDEX
+from gcode.synch import Answer, Assumptions, Synch
+
+Event = Command
+ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206"})
+"""Reported once a file: the cure of the first is the cure of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,33 +52,59 @@ class Run:
 
     def __init__(self, text: str, setup: Setup) -> None:
         self.setup = setup
-        self.lines = split_lines(text)
         self.machine = Machine(setup)
+        self.main = Program(text, setup.file)
+        self.flow = Flow(self.machine, self.main, Library(setup.include), self.main.first)
         self.diagnostics: list[Diagnostic] = []
         self.failed = False
-        self._reported: set[str] = set()
+        self._reported: set[tuple[str, ...]] = set()
         self._uncertain: set[int] = set()
-        self._percent = False
+        self._steps = 0
+        self.machine.run_text = self._run_text
+        self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
+        install(self.machine, lambda: float(self.flow.index), lambda: float(len(self.flow.calls)))
 
-    def commands(self) -> Iterator[Command]:
-        """Executes the program; yields its commands, stopping to yield (not to check) at the first error."""
-        emit = self.machine.emit
+    def events(self) -> Generator[Event, Answer | None, None]:
+        """Executes the program. Yields commands, and ``Synch`` where an ``Answer`` must be sent back.
+
+        After the first error nothing more is yielded; the rest of the file is only checked.
+        """
+        machine, emit = self.machine, self.machine.emit
         self._begin()
         yield from emit.take()
-        for number, text in enumerate(self.lines, 1):
-            self._line(number, text)
+        self._report_structure()
+        while not machine.finished and len(self.diagnostics) <= self.setup.max_errors:
+            if not self._next():
+                break
             out = emit.take()
             if not self.failed:
                 yield from out
-            if self.machine.finished or len(self.diagnostics) > self.setup.max_errors:
-                break
-        else:
-            self._missing_end()
-        self._missing_percent()
+            synch, machine.synch = machine.synch, None
+            if synch is not None:
+                answer = None if self.failed else (yield synch)
+                machine.answered(synch, answer or Answer())
         emit.line = 0
         emit.text("ON_RESET()")
         if not self.failed:
             yield from emit.take()
+
+    def commands(self, assumptions: Assumptions | None = None) -> Iterator[Command]:
+        """The commands, with every synch point answered by ``assumptions``."""
+        assume = assumptions or Assumptions()
+        events = self.events()
+        answer: Answer | None = None
+        before: Position = self.machine.emit.last
+        while True:
+            try:
+                event = events.send(answer)
+            except StopIteration:
+                return
+            answer = None
+            if isinstance(event, Synch):
+                answer = assume.answer(event, before)
+            else:
+                before = self.machine.emit.last
+                yield event
 
     def _begin(self) -> None:
         """What the interpreter tells the machine before the first line."""
@@ -81,65 +116,111 @@ class Run:
         emit.text("SET_FEED_REFERENCE(CANON_XYZ)")
         emit.text("ON_RESET()")
 
-    def _missing_end(self) -> None:
-        number = len(self.lines)
-        if not number:
-            return
-        error = GcodeError("GC201", "the program has no end", "add M2 or M30 as its last line", (0, 1))
-        self.report(error, number, self.lines[-1], "warning")
+    def _report_structure(self) -> None:
+        for fault in self.main.faults:
+            self._note(fault.error, self.main, fault.index, "error")
+
+    def _next(self) -> bool:
+        """Executes the next line. False at the end of the program."""
+        flow = self.flow
+        program, index = flow.program, flow.index
+        if index >= program.stop:
+            return self._end_of_file(program)
+        flow.index = index + 1
+        self._steps += 1
+        if self._steps > self.setup.max_steps:
+            error = GcodeError("GC089", f"more than {self.setup.max_steps} lines executed", "a loop never ends")
+            self.report(error, program, index)
+            return False
+        text = program.lines[index]
+        block: Block | None = None
+        try:
+            line = program.line(index)
+            if line is not None:
+                if len(text) > MAX_LINE:
+                    raise GcodeError(
+                        "GC017",
+                        f"a line of {len(text)} characters",
+                        f"at most {MAX_LINE}: split it",
+                        (MAX_LINE, MAX_LINE + 1),
+                    )
+                block = self._execute(line)
+        except GcodeError as error:
+            self.report(error, program, index)
+            self._recover(block, index + 1, text, error)
+        except RecursionError:
+            self.report(GcodeError("GC037", "an expression is nested too deeply", "split it", (0, 1)), program, index)
+        if self.machine.warnings:
+            for warning in self.machine.warnings:
+                self.report(warning, program, index, "warning")
+            self.machine.warnings.clear()
+        if self.machine.finished:
+            self._missing_percent()
+        return True
+
+    def _execute(self, line: Line) -> Block | None:
+        """Executes one line that was read."""
+        if line.delete and line.delete in self.setup.block_delete:
+            return None
+        if line.statement is not None:
+            self.flow.statement(line.statement)
+            return None
+        if not line.words and not line.assignments and line.comment is None:
+            return None
+        machine = self.machine
+        block = resolve(line, machine.parameters)
+        code = is_call(line)
+        if code == 98:
+            self.flow.m98(block)
+            return block
+        if code == 99 and self.flow.m99():
+            return block
+        if line.assignments:
+            self._assign(line)
+        try:
+            execute(machine, block)
+        except GcodeError:
+            self._block_failed(block)
+            raise
+        if self._uncertain:
+            self._settled(block)
+        return block
+
+    def _block_failed(self, block: Block) -> None:
+        """A block failed while it was executed: stand where it meant to go."""
+        self.machine.emit.take()
+        self._uncertain |= recover(self.machine, block, "")
+
+    def _run_text(self, text: str) -> None:
+        block = resolve(scan_line(text, self.machine.emit.line), self.machine.parameters)
+        execute(self.machine, block)
+
+    def _end_of_file(self, program: Program) -> bool:
+        """Past the last line: returns from a file that was called, or ends the program. False: nothing follows."""
+        emit = self.machine.emit
+        if self.flow.calls and program is not self.main:
+            self.flow.leave(None)
+            return True
+        if has_percent(program) and program.stop < len(program.lines):
+            emit.command(End(program.stop + 1, ""))
+            self.machine.finished = True
+            return False
+        if program.lines:
+            last = max((i for i, t in enumerate(program.lines) if t.strip()), default=0)
+            self.report(
+                GcodeError("GC201", "the program has no end", "add M2 or M30 as its last line", (0, 1)),
+                program,
+                last,
+                "warning",
+            )
+        return False
 
     def _missing_percent(self) -> None:
         """A program that began with % and ended by M2 should have a % behind it."""
         emit = self.machine.emit
-        if self._percent and self.machine.finished and not any(t.strip() == "%" for t in self.lines[emit.line - 1 :]):
-            emit.line = len(self.lines)
+        if has_percent(self.main) and self.main.stop == len(self.main.lines):
+            emit.line = len(self.main.lines)
             emit.comment("interpreter: percent sign missing from end of file")
-
-    def _line(self, number: int, text: str) -> None:
-        """Reads and executes one line; reports what is wrong with it."""
-        machine = self.machine
-        stripped = text.strip()
-        if not stripped or (stripped == "%" and self._percent_line(number, text)):
-            return
-        block: Block | None = None
-        try:
-            line = scan_line(text, number)
-            if line.delete in self.setup.block_delete and line.delete:
-                return
-            if line.statement is not None:
-                if line.statement.keyword == "":
-                    return
-                raise GcodeError(
-                    "GC099", f"O-word {line.statement.keyword.upper()} is not supported", "", line.statement.span
-                )
-            if not line.words and not line.assignments and line.comment is None:
-                return
-            block = resolve(line, machine.parameters)
-            self._assign(line)
-            if len(text) > 255:
-                raise GcodeError("GC017", f"a line of {len(text)} characters", "at most 255: split it", (255, 256))
-            execute(machine, block)
-            self._settled(block)
-        except GcodeError as error:
-            self.report(error, number, text)
-            self._recover(block, number, text, error)
-        for warning in machine.warnings:
-            self.report(warning, number, text, "warning")
-        machine.warnings.clear()
-
-    def _percent_line(self, number: int, text: str) -> bool:
-        """A line that is only ``%``: the first opens, the next closes the program."""
-        first = not any(line.strip() for line in self.lines[: number - 1])
-        if first:
-            self._percent = True
-            return True
-        if not self._percent:
-            return False
-        emit = self.machine.emit
-        emit.line = number
-        emit.command(End(number, ""))
-        self.machine.finished = True
-        return True
 
     def _assign(self, line: Line) -> None:
         """Parameter settings take effect after the whole line was read, before it is executed."""
@@ -156,45 +237,52 @@ class Run:
                 settings.append((target, evaluate(assignment.value, parameters)))
             except GcodeError as error:
                 raise error.placed(assignment.span) from None
-        for target, value in settings:
+        for (target, value), assignment in zip(settings, line.assignments, strict=True):
             if isinstance(target, int):
                 parameters.set_numbered(target, value)
             else:
-                parameters.set_named(target, value)
+                try:
+                    parameters.set_named(target, value)
+                except GcodeError as error:
+                    raise error.placed(assignment.span) from None
 
     def _settled(self, block: Block) -> None:
         """A good absolute move makes the axes it names certain again."""
-        if self._uncertain and block.motion in {0, 10} and not self.machine.state.incremental:
+        if block.motion in {0, 10} and not self.machine.state.incremental:
             self._uncertain -= {AXIS_INDEX[letter] for letter in AXIS_LETTERS & block.words.keys()}
 
     def _recover(self, block: Block | None, number: int, text: str, error: GcodeError) -> None:
-        """After an error: stand where the line meant to go, as far as that is known."""
+        """After a line that could not be read: stand where it meant to go, as far as that is known."""
         self.machine.emit.take()
-        if block is None:
-            block = meant(self.machine, text, number, error)
-        self._uncertain |= recover(self.machine, block, text)
-        if block is None and "f" in text.lower():
-            self._reported.add("GC040")
+        if block is not None:
+            return
+        guess = meant(self.machine, text, number, error)
+        self._uncertain |= recover(self.machine, guess, text)
+        if guess is None and "f" in text.lower():
+            self._reported.add(("GC040",))
 
-    def report(self, error: GcodeError, number: int, text: str, severity: str = "error") -> None:
-        """Notes a diagnostic, unless it is only a consequence of an earlier one."""
+    def report(self, error: GcodeError, program: Program, index: int, severity: str = "error") -> None:
+        """Notes a diagnostic, unless it is only a consequence of an earlier one or was reported before."""
         if severity == "error":
             self.failed = True
             if error.code == "GC044" and self._uncertain:
                 return
         if error.code in ONCE:
-            if error.code in self._reported:
+            if (error.code,) in self._reported:
                 return
-            self._reported.add(error.code)
-        self.diagnostics.append(place(error, self.setup.file, number, text, severity))
+            self._reported.add((error.code,))
+        self._note(error, program, index, severity)
+
+    def _note(self, error: GcodeError, program: Program, index: int, severity: str) -> None:
+        found = place(error, program.name, index + 1, program.lines[index], severity, self.flow.call_stack())
+        key = (found.file, str(found.line), str(found.column), found.code)
+        if key not in self._reported:
+            self._reported.add(key)
+            self.diagnostics.append(found)
 
 
-ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206"})
-"""Reported once a file: the cure of the first is the cure of all."""
-
-
-def interpret(text: str, setup: Setup | None = None) -> Interpretation:
+def interpret(text: str, setup: Setup | None = None, assumptions: Assumptions | None = None) -> Interpretation:
     """Interprets a program. Never raises for what the text contains: the diagnostics say it."""
     run = Run(text, setup or Setup())
-    commands = list(run.commands())
-    return Interpretation(commands, sorted(run.diagnostics, key=lambda d: (d.line, d.column)))
+    commands = list(run.commands(assumptions))
+    return Interpretation(commands, sorted(run.diagnostics, key=lambda d: (d.file != run.main.name, d.line, d.column)))

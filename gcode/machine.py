@@ -3,19 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from gcode.emit import Emitter
 from gcode.errors import GcodeError
 from gcode.parameters import Parameters
 from gcode.setup import Setup, Tool
-from gcode.state import NO_TOOL, State
+from gcode.state import NO_TOOL, State, position_of
+from gcode.synch import Answer, Synch
 
 Warn = Callable[[GcodeError], None]
 MACHINE_UNIT_MM = {"mm": 1.0, "inch": 25.4}
 
 
+@dataclass(slots=True)
+class Context:
+    """What M70 and M73 saved at one call level; ``restore``: on return."""
+
+    modes: object = None
+    restore: bool = False
+
+
+def _nothing(_text: str) -> None:
+    """Before a run there is nothing to execute text with."""
+
+
 class Machine:
-    """One run. ``finished`` is set by M2 and M30."""
+    """One run. ``finished`` is set by M2 and M30; ``synch`` by a step that has to wait for the machine.
+
+    ``contexts``: one for each call level; ``run_text`` executes a line of text as if it stood in the program.
+    """
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
@@ -24,6 +42,9 @@ class Machine:
         self.tools: dict[int, Tool] | None = None if setup.tools is None else dict(setup.tools)
         self.finished = False
         self.warnings: list[GcodeError] = []
+        self.contexts: list[Context] = [Context()]
+        self.synch: Synch | None = None
+        self.run_text: Callable[[str], None] = _nothing
         self._begin()
         self.emit = Emitter(self.state)
 
@@ -64,3 +85,23 @@ class Machine:
     def warn(self, code: str, message: str, hint: str, at: str | None = None) -> None:
         """Notes something legal and suspicious about the line being executed."""
         self.warnings.append(GcodeError(code, message, hint, at))
+
+    def wait(self, kind: Literal["probe", "input", "tool", "position"], **request: Any) -> None:
+        """After this line, stop until the machine has answered."""
+        self.synch = Synch(
+            self.emit.line, kind, self.emit.frame.to_machine(position_of(self.state.position)), **request
+        )
+
+    def answered(self, synch: Synch, answer: Answer) -> None:
+        """Takes the machine's answer into position and parameters."""
+        state, values, emit = self.state, self.parameters.values, self.emit
+        if answer.position is not None:
+            state.position = list(emit.frame.to_program(answer.position))
+            emit.last = answer.position
+        if synch.kind == "probe":
+            touched = emit.frame.to_program(answer.probe or answer.position or synch.target)
+            for axis, value in enumerate(touched):
+                values[5061 + axis] = value
+            values[5070] = float(answer.tripped)
+        elif synch.kind == "input":
+            values[5399] = answer.value

@@ -20,7 +20,7 @@ LOCAL_COUNT = 30
 
 
 class Parameters:
-    """All parameters of a run."""
+    """All parameters of a run. ``foreign`` reads ``#<_ini[...]>``; ``returned`` is the value of the last call."""
 
     def __init__(self, state: State, values: Mapping[int, float]) -> None:
         self.state = state
@@ -29,7 +29,8 @@ class Parameters:
         self.globals: dict[str, float] = {}
         self.frames: list[dict[str, float]] = [{}]
         self.windows: dict[str, Callable[[], float]] = {}
-        self.unset_reads: set[int] = set()
+        self.foreign: Callable[[str], float] | None = None
+        self.returned: float | None = None
 
     def numbered(self, index: int) -> float:
         """``#index``; 0 if it was never set. GC030 out of range."""
@@ -60,6 +61,8 @@ class Parameters:
         window = self.windows.get(name)
         if window is not None:
             return window()
+        if self.foreign is not None and name.startswith(("_ini[", "_hal[")):
+            return self.foreign(name)
         known = tuple(store) if not name.startswith("_") else (*self.globals, *self.windows)
         close = nearest(name, known)
         hint = f"did you mean #<{close}>?" if close else f"set it first: #<{name}> = ..."
@@ -67,6 +70,12 @@ class Parameters:
 
     def is_defined(self, name: str) -> bool:
         """Whether ``#<name>`` can be read."""
+        if self.foreign is not None and name.startswith(("_ini[", "_hal[")):
+            try:
+                self.foreign(name)
+            except GcodeError:
+                return False
+            return True
         return name in (self.globals if name.startswith("_") else self.frames[-1]) or name in self.windows
 
     def set_numbered(self, index: int, value: float) -> None:
@@ -85,7 +94,7 @@ class Parameters:
 
     def set_named(self, name: str, value: float) -> None:
         """``#<name> = value``. GC031 for a window."""
-        if name in self.windows:
+        if name in self.windows or name.startswith(("_ini[", "_hal[")):
             raise GcodeError(
                 "GC031", f"parameter #<{name}> cannot be set", "it shows the machine's state; use another name"
             )

@@ -12,12 +12,14 @@ _WORD = re.compile(r"([a-z@^$])([+-]?[\d.]*)")
 _AXES = frozenset("xyzabcuvw@^")
 
 
-def place(error: GcodeError, file: str, number: int, text: str, severity: str = "error") -> Diagnostic:
+def place(
+    error: GcodeError, file: str, number: int, text: str, severity: str = "error", calls: tuple[str, ...] = ()
+) -> Diagnostic:
     """The diagnostic of ``error`` on line ``number`` whose text is ``text``."""
     start, end = _span(error, text)
     column, end_column = columns(text, start, end)
     kind: Severity = "warning" if severity == "warning" else "error"
-    return Diagnostic(file, number, column, end_column, error.code, kind, error.message, error.hint)
+    return Diagnostic(file, number, column, end_column, error.code, kind, error.message, error.hint, calls)
 
 
 def _span(error: GcodeError, text: str) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from configparser import ConfigParser
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
@@ -36,6 +37,8 @@ class Setup:
     parameter file gives them, in machine units. work_offset: the offset of G54 in mm and degrees (over parameters).
     start: where the machine stands, absolute mm and degrees. machine_units: of tools and parameters.
     axes: the axes that the machine has. block_delete: the switches that are on (1 is ``/``).
+    file: the name in diagnostics. include: folders of subprogram files. ini: what ``#<_ini[section]name>`` reads.
+    max_errors, max_steps: a check ends after so many errors, a run after so many executed lines.
     """
 
     tools: Mapping[int, Tool] | None = None
@@ -49,3 +52,5 @@ class Setup:
     file: str = "<program>"
     include: tuple[str, ...] = ()
     max_errors: int = 100
+    max_steps: int = 100_000_000
+    ini: ConfigParser | None = None

@@ -38,6 +38,7 @@ def change_tool(machine: Machine, block: Block) -> None:
     emit.spindle("STOP_SPINDLE_TURNING(0)")
     emit.command(ToolChange(emit.line, state.selected_tool))
     load_tool(machine, machine.tool(state.selected_tool, "M6"))
+    machine.wait("tool", index=state.selected_tool)
 
 
 def _tell_tool(machine: Machine, block: Block) -> None:

@@ -1,0 +1,197 @@
+"""A program file: its lines, read once each, and the structure of its O-words.
+
+The structure is found before anything runs: which ``endif`` belongs to which ``if``, where subprograms begin and end.
+So an unbalanced O-word is an error wherever it stands, even in a subprogram that nobody calls.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from gcode.block import Line, Statement
+from gcode.errors import GcodeError
+from gcode.scanner import scan_line
+from gcode.source import split_lines
+
+_FLOW = re.compile(r"^[ \t/]*(?:n[ \t\d.]*)?(?:o|m[ \t]*0*9[89](?!\d))", re.IGNORECASE | re.MULTILINE)
+_END = re.compile(r"^[ \t]*(?:n[ \t\d.]*)?m[ \t]*0*(?:2|30)(?!\d)", re.IGNORECASE)
+
+OPENERS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat", "sub": "endsub"}
+CLOSERS = {"endif": ("if",), "endwhile": ("while",), "endrepeat": ("repeat",), "endsub": ("sub",)}
+LOOPS = frozenset({"while", "do", "repeat"})
+
+
+@dataclass(slots=True)
+class Construct:
+    """One block structure: indices (from 0) of its first and last line and of the branches between them."""
+
+    kind: str
+    label: str
+    start: int
+    end: int = -1
+    branches: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Fault:
+    """A reading or structure error of one line, found before execution."""
+
+    index: int
+    error: GcodeError
+
+
+class Program:
+    """The lines of one file. ``structured``: it has O-words or M98 or M99, so that lines may run more than once."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self.name = name
+        self.lines = split_lines(text)
+        self.structured = _FLOW.search(text.replace("\r\n", "\n").replace("\r", "\n")) is not None
+        self.faults: list[Fault] = []
+        self.subs: dict[str, Construct] = {}
+        self.labels: dict[str, int] = {}
+        self.at: dict[int, Construct] = {}
+        self._read: dict[int, Line | None] = {}
+        self.first, self.stop = _percent_range(self.lines)
+        if self.structured:
+            self._build()
+
+    def line(self, index: int) -> Line | None:
+        """The line at ``index`` as read; None if it is blank. Raises ``GcodeError``, for a faulty line each time."""
+        if not self.structured:
+            return _scan(self.lines[index], index)
+        if index not in self._read:
+            self._read[index] = _scan(self.lines[index], index)
+        return self._read[index]
+
+    def _build(self) -> None:
+        """Reads all lines up to the closing percent sign and matches the O-words."""
+        open_: list[Construct] = []
+        ended = False
+        for index in range(self.first, self.stop):
+            text = self.lines[index]
+            try:
+                line = self.line(index)
+            except GcodeError as error:
+                inside = any(construct.kind == "sub" for construct in open_)
+                if not ended or inside:
+                    self.faults.append(Fault(index, error))
+                continue
+            if line is not None and line.statement is not None:
+                try:
+                    self._match(open_, index, line.statement)
+                except GcodeError as error:
+                    self.faults.append(Fault(index, error))
+            if not open_ and _END.match(text):
+                ended = True
+        for construct in open_:
+            closer = OPENERS[construct.kind]
+            unclosed = GcodeError(
+                "GC082",
+                f"O{construct.label} {construct.kind.upper()} has no {closer.upper()}",
+                f"add 'o{construct.label} {closer}' where it ends",
+                (0, 1 << 20),
+            )
+            construct.end = self.stop
+            self.faults.append(Fault(construct.start, unclosed))
+        self.faults.sort(key=lambda fault: fault.index)
+
+    def _match(self, open_: list[Construct], index: int, statement: Statement) -> None:
+        keyword, label = statement.keyword, statement.label
+        if keyword == "":
+            self.labels.setdefault(label, index)
+        elif keyword == "while" and open_ and open_[-1].kind == "do" and open_[-1].label == label:
+            self._close(open_, index)
+        elif keyword in OPENERS:
+            self._open(open_, index, keyword, label, statement)
+        elif keyword in CLOSERS:
+            _check_closes(open_, keyword, label, statement)
+            self._close(open_, index)
+        elif keyword in {"elseif", "else"}:
+            _check_closes(open_, keyword, label, statement)
+            open_[-1].branches.append(index)
+            self.at[index] = open_[-1]
+        elif keyword in {"break", "continue"}:
+            loops = [c for c in open_ if c.kind in LOOPS and c.label == label]
+            if not loops:
+                raise GcodeError(
+                    "GC081", f"{keyword.upper()} outside a loop O{label}", "name the loop it belongs to", statement.span
+                )
+            self.at[index] = loops[-1]
+        elif keyword == "return" and not any(c.kind == "sub" for c in open_):
+            raise GcodeError(
+                "GC081", "RETURN outside a subprogram", "it belongs between SUB and ENDSUB", statement.span
+            )
+
+    def _open(self, open_: list[Construct], index: int, kind: str, label: str, statement: Statement) -> None:
+        construct = Construct(kind, label, index)
+        if kind == "sub":
+            if any(c.kind == "sub" for c in open_):
+                raise GcodeError(
+                    "GC083",
+                    f"O{label} SUB inside another subprogram",
+                    "close the other with ENDSUB first",
+                    statement.span,
+                )
+            if label in self.subs:
+                first = self.subs[label].start + 1
+                raise GcodeError(
+                    "GC083",
+                    f"O{label} SUB is defined twice: first on line {first}",
+                    "rename one of them",
+                    statement.span,
+                )
+            self.subs[label] = construct
+        open_.append(construct)
+        self.at[index] = construct
+
+    def _close(self, open_: list[Construct], index: int) -> None:
+        construct = open_.pop()
+        construct.end = index
+        self.at[index] = construct
+
+
+def _check_closes(open_: list[Construct], keyword: str, label: str, statement: Statement) -> None:
+    kinds = CLOSERS.get(keyword, ("if",))
+    if open_ and open_[-1].kind in kinds and open_[-1].label == label:
+        return
+    wanted = kinds[0].upper()
+    if not open_:
+        raise GcodeError(
+            "GC081",
+            f"O{label} {keyword.upper()} without O{label} {wanted}",
+            f"add 'o{label} {kinds[0]}' before it",
+            statement.span,
+        )
+    inner = open_[-1]
+    raise GcodeError(
+        "GC081",
+        f"O{label} {keyword.upper()} does not match O{inner.label} {inner.kind.upper()} of line {inner.start + 1}",
+        f"the open block wants O{inner.label} {OPENERS[inner.kind].upper()}",
+        statement.span,
+    )
+
+
+def _scan(text: str, index: int) -> Line | None:
+    stripped = text.strip()
+    return None if not stripped or stripped == "%" else scan_line(text, index + 1)
+
+
+def _percent_range(lines: list[str]) -> tuple[int, int]:
+    """First line of the program and the one after its last: inside the percent signs, if the file begins with one."""
+    for index, line in enumerate(lines):
+        stripped = line.strip()
+        if stripped == "%":
+            for stop in range(index + 1, len(lines)):
+                if lines[stop].strip() == "%":
+                    return index + 1, stop
+            return index + 1, len(lines)
+        if stripped:
+            return 0, len(lines)
+    return 0, len(lines)
+
+
+def has_percent(program: Program) -> bool:
+    """Whether the program began with a percent sign."""
+    return program.first > 0
