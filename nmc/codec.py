@@ -11,11 +11,15 @@ from nmc.errors import LocalFault
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A command in words. ``complaints``: what the chip's data sheet does not allow in it."""
+    """A command in words. ``complaints``: what the chip's data sheet does not allow in it.
+
+    control: which of the values are bits of the control byte.
+    """
 
     name: str
     values: Mapping[str, int]
     complaints: tuple[str, ...] = ()
+    control: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,7 @@ def decode(facts: ChipFacts, command: int, data: bytes) -> Decoded:
             break
         values[field.name] = int.from_bytes(rest[: field.size], "little", signed=field.signed)
         rest = rest[field.size :]
-    return Decoded(fact.name, values, complain(fact, data))
+    return Decoded(fact.name, values, complain(fact, data), frozenset(bits.name for bits in fact.control))
 
 
 def complain(fact: CommandFact, data: bytes) -> tuple[str, ...]:

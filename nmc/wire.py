@@ -5,7 +5,7 @@ Packing refuses what has no place in a packet; unpacking takes any bytes and nev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nmc.chips.common import DATA_MAX, HEADER
 from nmc.errors import LocalFault
@@ -13,12 +13,13 @@ from nmc.errors import LocalFault
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A command packet found in a byte stream. ``intact``: its checksum is right."""
+    """A command packet found in a byte stream. ``intact``: its checksum is right. ``raw``: the bytes as they came."""
 
     address: int
     command: int
     data: bytes
     intact: bool
+    raw: bytes = field(default=b"", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,6 @@ class PacketReader:
                 break
             end = (held[2] >> 4) + 4
             intact = sum(held[1 : end - 1]) & 0xFF == held[end - 1]
-            found.append(Packet(held[1], held[2] & 0x0F, bytes(held[3 : end - 1]), intact))
+            found.append(Packet(held[1], held[2] & 0x0F, bytes(held[3 : end - 1]), intact, bytes(held[:end])))
             del held[:end]
         return found
