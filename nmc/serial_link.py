@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import termios
 import time  # noqa: TID251 - this is the door
 
 import serial  # noqa: TID251 - this is the door
@@ -17,31 +18,28 @@ from nmc.chips.common import DEFAULT_BAUD
 from nmc.errors import NmcError
 
 
-class SerialLink:
-    """A serial port, 8 data bits, no parity, 1 stop bit, and the monotonic clock. POSIX only.
+WRITE_PATIENCE_S = 1.0
 
-    Raises NmcError if the port cannot be opened, or when it vanishes.
-    """
 
-    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
-        try:
-            self._port = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        except (serial.SerialException, ValueError, OSError) as error:
-            raise NmcError(f"cannot open {port}: {error}") from None
-        self.name = port
-        self._descriptor = self._port.fileno()
-        with contextlib.suppress(Exception):  # a pty and many drivers have no such flag
-            self._port.set_low_latency_mode(True)
+class DescriptorLink:
+    """An open serial port by its file descriptor, at the rate it has, and the monotonic clock."""
+
+    def __init__(self, descriptor: int, name: str = "port") -> None:
+        self.descriptor = descriptor
+        self.name = name
 
     def now_ns(self) -> int:
-        """The monotonic clock."""
+        """The monotonic clock; the same in all processes of a machine."""
         return time.monotonic_ns()
 
     def write(self, data: bytes) -> None:
-        """Hand the bytes to the driver."""
+        """Hand the bytes to the driver, waiting while its buffer is full."""
         try:
-            self._port.write(data)
-        except (serial.SerialException, OSError) as error:
+            while data:
+                if not select.select([], [self.descriptor], [], WRITE_PATIENCE_S)[1]:
+                    raise NmcError(f"{self.name}: the driver takes no more bytes")
+                data = data[os.write(self.descriptor, data) :]
+        except OSError as error:
             raise NmcError(f"{self.name}: {error}") from None
 
     def read(self, count: int, deadline_ns: int) -> bytes:
@@ -50,10 +48,10 @@ class SerialLink:
         try:
             while len(data) < count:
                 left_ns = deadline_ns - time.monotonic_ns()
-                ready, _, _ = select.select([self._descriptor], [], [], max(0, left_ns) / 1e9)
+                ready, _, _ = select.select([self.descriptor], [], [], max(0, left_ns) / 1e9)
                 if not ready:
                     break
-                part = os.read(self._descriptor, count - len(data))
+                part = os.read(self.descriptor, count - len(data))
                 if not part:
                     raise NmcError(f"{self.name}: the port is gone")
                 data += part
@@ -67,6 +65,35 @@ class SerialLink:
             time.sleep(left_ns / 1e9)
 
     def set_baud(self, baud: int) -> None:
+        """The rate belongs to whoever opened the port; a descriptor keeps it."""
+
+    def flush_input(self) -> None:
+        """Drop what nobody has read."""
+        try:
+            termios.tcflush(self.descriptor, termios.TCIFLUSH)
+        except (OSError, termios.error) as error:
+            raise NmcError(f"{self.name}: {error}") from None
+
+    def close(self) -> None:
+        """Nothing: whoever opened the port closes it."""
+
+
+class SerialLink(DescriptorLink):
+    """A serial port, 8 data bits, no parity, 1 stop bit, and the monotonic clock. POSIX only.
+
+    Raises NmcError if the port cannot be opened, or when it vanishes.
+    """
+
+    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
+        try:
+            self._port = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        except (serial.SerialException, ValueError, OSError) as error:
+            raise NmcError(f"cannot open {port}: {error}") from None
+        super().__init__(self._port.fileno(), port)
+        with contextlib.suppress(Exception):  # a pty and many drivers have no such flag
+            self._port.set_low_latency_mode(True)
+
+    def set_baud(self, baud: int) -> None:
         """Let what was written leave at the old rate, then change it."""
         if baud == self._port.baudrate:
             return
@@ -75,13 +102,6 @@ class SerialLink:
             self._port.baudrate = baud
         except (serial.SerialException, ValueError, OSError) as error:
             raise NmcError(f"{self.name}: cannot run at {baud} baud: {error}") from None
-
-    def flush_input(self) -> None:
-        """Drop what nobody has read."""
-        try:
-            self._port.reset_input_buffer()
-        except (serial.SerialException, OSError) as error:
-            raise NmcError(f"{self.name}: {error}") from None
 
     def close(self) -> None:
         """Close the port."""

@@ -103,9 +103,14 @@ class Watchdog:
         return self.phase in (Phase.SETTLING, Phase.STOPPING, Phase.STANDING)
 
     @property
+    def reaction_ns(self) -> int:
+        """Silence of the host after which the take-over begins: the timeout less the time of the nulls."""
+        return self.timeout_ns - self._settle_ns
+
+    @property
     def due_ns(self) -> int | None:
         """When the watchdog expires if no further heartbeat comes; None while it is not armed."""
-        return self._beat_ns + self.timeout_ns - self._settle_ns if self.phase is Phase.WATCHING else None
+        return self._beat_ns + self.reaction_ns if self.phase is Phase.WATCHING else None
 
     def arm(self, now_ns: int) -> None:
         """Motion is about to begin. A fenced watchdog is not armed again: start the network up first (``reset``)."""
