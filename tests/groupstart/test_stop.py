@@ -1,0 +1,56 @@
+"""Ctrl-C during a run: the motion is stopped first, then the program ends with status 2, and the folder tells."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groupstart.progress import RunProgress
+from groupstart.stopflag import StopFlag
+
+Cli = Callable[..., Any]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_stops_the_motion_then_the_program(
+    number: signal.Signals, root: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = [0]
+
+    def press(self: RunProgress, progress: object) -> None:
+        shown[0] += 1
+        if shown[0] == 30:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(RunProgress, "__call__", press)
+    handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    answer = cli("run", str(root / "examples" / "01_compass.nc"), "--runs", str(tmp_path))
+    assert answer.status == 2
+    assert "stopped on request in line" in answer.err
+    assert "every motor stands" in answer.err
+    assert "Traceback" not in answer.err
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+    [folder] = tmp_path.iterdir()
+    journal = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]
+    stopped = next(record for record in journal if record["event"] == "all_stopped")
+    with np.load(folder / "trace.npz") as trace:
+        steps = trace["start_steps"].copy()
+        np.add.at(steps, trace["run_axis"], trace["run_dir"].astype(np.int64) * trace["run_count"])
+        assert dict(zip("XYZ", steps.tolist(), strict=True)) == stopped["positions"]
+    verdict = json.loads((folder / "verdict.json").read_text())
+    assert verdict["ok"] is False
+    assert "stopped on request" in verdict["reasons"][0]
+    assert (folder / "path.png").exists()
+
+
+def test_a_second_signal_interrupts_at_once() -> None:
+    with StopFlag() as stop:
+        assert not stop()
+        signal.raise_signal(signal.SIGINT)
+        assert stop()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
