@@ -24,6 +24,10 @@ MOVING = 0x01
 """Status bit 0 (section 5.2)."""
 SAFETY_NS = 100_000
 """A count-only load is sent only if the fastest possible chip still moves this long after it."""
+CATCH_UP = 1.5
+"""A late axis steps at most this much faster than the plan does around there."""
+SLOW_PERIOD_NS = 2_500_000
+"""Steps further apart than this are slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +102,7 @@ class StepAxis:
         times = leg.times_ns
         last = min(max(int(np.searchsorted(times, target_ns - self.start_ns)), 0), len(times) - 1)
         period_ns = (int(times[last]) + self.start_ns - execute_ns) // (last + 1)
+        period_ns = max(period_ns, self._fastest_ns(leg, 0, last))
         return self._encode(period_ns, leg, leg.direction, start_now)
 
     def lone_start_ns(self, ahead_ns: int) -> int:
@@ -116,14 +121,24 @@ class StepAxis:
         assert self.leg is not None
         return self.leg.direction
 
-    def arrival_error_steps(self) -> float:
-        """How many steps off the plan the last step would be if the present count stayed."""
-        assert self.leg is not None
+    def aim_error_steps(self, execute_ns: int, target_ns: int) -> float:
+        """How many steps off the plan the axis would be at ``target_ns`` without a new count at ``execute_ns``."""
+        wanted = self._aim(execute_ns, target_ns)
         timer = self.twin.nominal
-        planned = int(self.leg.times_ns[-1]) + self.start_ns
-        return (timer.arrival_ns() - planned) / max(timer.period_ns, 1)
+        steps = min(max((target_ns - timer.next_ns) // max(wanted, 1), 1), timer.left - 1)
+        return abs(timer.period_ns - wanted) * steps / max(wanted, 1)
+
+    @property
+    def slow(self) -> bool:
+        """Its steps are further apart than a few loads: it is led better alone than by the group's slices."""
+        return self.twin.nominal.period_ns > SLOW_PERIOD_NS
 
     def _aim(self, execute_ns: int, target_ns: int) -> int:
+        """Period after the next roll-over that puts the step due at ``target_ns`` on its planned instant.
+
+        A late axis catches up only a little faster than the plan itself goes there: a short period that stays in
+        force for one roll-over more than foreseen must not cost more than a few steps.
+        """
         leg = self.leg
         assert leg is not None
         timer = self.twin.nominal
@@ -133,7 +148,13 @@ class StepAxis:
         due = len(leg) - timer.left
         aim = min(int(np.searchsorted(leg.times_ns, target_ns - self.start_ns)), len(leg) - 1)
         aim = max(aim, due + 1)
-        return (int(leg.times_ns[aim]) + self.start_ns - timer.next_ns) // (aim - due)
+        period_ns = (int(leg.times_ns[aim]) + self.start_ns - timer.next_ns) // (aim - due)
+        return max(period_ns, self._fastest_ns(leg, due, aim))
+
+    def _fastest_ns(self, leg: Leg, due: int, aim: int) -> int:
+        """Shortest period to catch up with between two steps of the plan."""
+        gaps = np.diff(leg.times_ns[max(due - 1, 0) : aim + 2])
+        return int(gaps.min() / CATCH_UP) if len(gaps) else self.period_min_ns
 
     def _encode(self, period_ns: int, leg: Leg | None, direction: int, start_now: bool) -> tuple[bytes, Load]:
         mode = self.motor.speed_mode

@@ -27,8 +27,8 @@ from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
 SET_ADDRESS, START_MOTION, STOP_MOTOR, NO_OPERATION = 0x1, 0x5, 0x7, 0xE
 AMP_ENABLE, STOP_ABRUPTLY = 0x01, 0x04
 COUNT_BYTES, LEG_BYTES = 4, 8
-TRIM_STEPS = 0.4
-"""An axis that runs alone is given a new count when it would arrive this many steps off its plan."""
+TRIM_STEPS = 0.2
+"""An axis that runs alone is given a new count when it would get this many steps off its plan without."""
 RECRUIT_SLICES = 3
 """An axis joins the group only if it surely runs on for so many slices: a change of group costs a load."""
 PREPARE_NS = 40_000_000
@@ -109,18 +109,22 @@ class GroupStream:
     def _members(self) -> tuple[list[StepAxis], int]:
         """Who takes part in the coming Start, and when it leaves: as soon as the bus has carried what comes before.
 
-        Members surely still move then; an axis from outside is recruited only if it has some slices to go.
+        Members surely still move then and are not slow; an axis from outside is recruited only if it runs on for some
+        slices. The slow ones are led alone: a load that comes after a roll-over acts a whole period later.
         """
         timing = self.timing
-        regroup_ns = timing.worst_ns(2)
+        regroup_ns, count_ns = timing.worst_ns(2), timing.worst_ns(COUNT_BYTES)
         inside = [axis for axis in self.axes if axis.in_stream and axis.moving]
         outside = [axis for axis in self.axes if not axis.in_stream and axis.moving]
-        start_ns = self.now_ns + self._slice_ns(len(inside))
-        start_ns += regroup_ns * 2 * sum(not axis.surely_moving_at(self._latest(start_ns)) for axis in inside)
+        start_ns = self.now_ns + self._slice_ns(len(inside)) + len(outside) * count_ns
+        fits = [axis for axis in inside if not axis.slow and axis.surely_moving_at(self._latest(start_ns))]
+        start_ns += regroup_ns * 2 * (len(inside) - len(fits))
         enough_ns = RECRUIT_SLICES * self._slice_ns(len(self.axes))
-        recruits = [axis for axis in outside if axis.surely_moving_at(self._latest(start_ns) + enough_ns)]
-        start_ns += len(recruits) * (2 * regroup_ns + timing.worst_ns(COUNT_BYTES))
-        members = [axis for axis in inside if axis.surely_moving_at(self._latest(start_ns))]
+        recruits = [
+            axis for axis in outside if not axis.slow and axis.surely_moving_at(self._latest(start_ns) + enough_ns)
+        ]
+        start_ns += len(recruits) * 2 * regroup_ns
+        members = [axis for axis in fits if axis.surely_moving_at(self._latest(start_ns))]
         return members + recruits, start_ns
 
     def _alone(self, start_ns: int) -> Generator[Exchange, Evidence, bool]:
@@ -157,25 +161,23 @@ class GroupStream:
 
     def _trim(self, axis: StepAxis) -> Generator[Exchange, Evidence, bool]:
         """Give an axis that runs alone a count that lets it arrive on time, if that is safe and worth it."""
-        if abs(axis.arrival_error_steps()) < TRIM_STEPS:
-            return False
         if not axis.surely_moving_at(self._latest(self.now_ns, COUNT_BYTES)):
             return False
         execute_ns = self._mean_execution(self.now_ns, COUNT_BYTES)
-        data, load = axis.count_load(execute_ns, execute_ns + self._slice_ns(len(self.axes)), start_now=True)
+        target_ns = execute_ns + self._slice_ns(len(self.axes))
+        if axis.aim_error_steps(execute_ns, target_ns) < TRIM_STEPS:
+            return False
+        data, load = axis.count_load(execute_ns, target_ns, start_now=True)
         evidence = yield self._load(axis, data)
         self._expect_moving(axis, evidence)
         axis.executed(load, *self._window(evidence))
         return True
 
     def _wait(self, start_ns: int) -> Exchange:
-        """Nothing to say: ask the axis that ends next how it is, when it has ended or a leg must be prepared."""
+        """Nothing to say in this slice: ask the axis that ends next how it is."""
         ends = [(axis.twin.surely_stopped_from_ns() + 1, axis) for axis in self.axes if axis.moving]
         until_ns, axis = min(ends, key=lambda end: end[0])
-        due = [ns for other in self.axes if not other.moving and (ns := other.first_step_ns()) is not None]
-        wake_ns = min(due, default=until_ns) - PREPARE_NS
-        at_ns = min(until_ns, wake_ns) if wake_ns > self.now_ns else min(until_ns, start_ns)
-        return Exchange(axis.motor.address, NO_OPERATION, send_at_ns=at_ns, bus=self.bus)
+        return Exchange(axis.motor.address, NO_OPERATION, send_at_ns=min(until_ns, start_ns), bus=self.bus)
 
     # --- sending -----------------------------------------------------------------------------------------------------
 
