@@ -17,7 +17,6 @@ import serial  # noqa: TID251 - this is the door
 from nmc.chips.common import DEFAULT_BAUD
 from nmc.errors import NmcError
 
-
 WRITE_PATIENCE_S = 1.0
 
 
