@@ -12,8 +12,9 @@ from sim.bus import Bus
 from sim.draws import Draws
 from sim.link import SimLink
 from sim.module import NmcModule
+from sim.picio import PicIo
 from sim.picstep import PicStep
-from sim.spec import BusSpec, Module, SimOptions, StepModule
+from sim.spec import BusSpec, IoModule, Module, SimOptions, StepModule
 from sim.trace import BusLog, Trace, collect
 from sim.violations import Incident, Log, Violation
 from sim.world import World
@@ -53,6 +54,13 @@ class Simulation:
     def servos(self) -> dict[str, PicServo]:
         """All PIC-SERVO modules by name."""
         return {name: m for name, m in self.modules.items() if m.type_id == SERVO_TYPE}  # type: ignore[misc]
+
+    def another_master(self, bus: int) -> SimLink:
+        """A second host port on the same wires, such as a watchdog's: it hears every reply and talks without jitter."""
+        first = self.buses[bus]
+        link = SimLink(first, first.status.draws, 0)
+        link.baud = int(first.status.host_baud)
+        return link
 
     def trace(self) -> Trace:
         """Everything that came out up to the present time, motors in the order in which they were described."""
@@ -100,6 +108,8 @@ def _draws(seed: int, bus: int, use: int) -> Draws:
 def _module(spec: Module, bus: Bus, draws: Draws, options: SimOptions) -> NmcModule:
     ppm = spec.crystal_ppm + (2 * draws.unit() - 1) * spec.crystal_ppm_max
     phase_ns = -draws.below_ns(options.power_phase_max_ns)
+    if isinstance(spec, IoModule):
+        return PicIo(spec, bus, round(ppm * 1000), draws)
     if isinstance(spec, StepModule):
         return PicStep(spec, bus, round(ppm * 1000), draws, phase_ns, options)
     from sim.picservo import PicServo  # its kernel is compiled: only where there is a servo

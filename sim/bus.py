@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from sim.commandline import CommandLine
@@ -25,6 +26,7 @@ class Bus:
         self.world = world
         self.log = log
         self.modules: list[NmcModule] = []
+        self.noise: Callable[[bytes], tuple[list[int], list[bool]]] | None = None  # on the command line
         self.status = StatusLine(draws, bytes_log.status if bytes_log is not None else None)
         self.command = CommandLine(
             world, self.modules, self.status, bytes_log.host if bytes_log is not None else None, self._intrude

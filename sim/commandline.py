@@ -76,7 +76,10 @@ class CommandLine:
         self._fits: dict[float, bool] = {}
 
     def transmit(self, data: Sequence[int], start_ns: int, baud: float, clean: Sequence[bool] | None = None) -> None:
-        """Let ``data`` leave from ``start_ns`` on, or after what is already leaving. clean: per byte, None: all."""
+        """Let ``data`` leave from ``start_ns`` on, or after what is already leaving.
+
+        clean: per byte, whether it arrives without framing error (None: all do); a value of -1 is lost on the way.
+        """
         start_ns = max(start_ns, self.free_ns)
         arrivals = arrivals_ns(start_ns, len(data), baud)
         self.free_ns = arrivals[-1]
@@ -145,7 +148,9 @@ class CommandLine:
         for module in self._listeners:
             if module.alive and not readable(segment.baud, module.rx_baud):
                 segment.garbled_for.append(module)
-                for at_ns, value in misread(segment.data, segment.start_ns, segment.baud, module.rx_baud):
+                for at_ns, value in misread(
+                    [v & 0xFF for v in segment.data], segment.start_ns, segment.baud, module.rx_baud
+                ):
                     self._world.call_at(at_ns, partial(self._garbage, module, module.epoch, value))
 
     @staticmethod
@@ -170,6 +175,8 @@ class CommandLine:
         index = segment.next
         segment.next = index + 1
         at_ns, value = segment.arrivals[index], segment.data[index]
+        if value < 0:  # lost on the way
+            return
         if self._sniff is not None:
             self._sniff(at_ns, value)
         start_ns = int(at_ns - BITS_PER_BYTE * 1e9 / segment.baud)

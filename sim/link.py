@@ -14,6 +14,7 @@ class SimLink:
         self.world = bus.world
         self.baud = 19200
         self.jitter_max_ns = jitter_max_ns
+        self.fenced = False  # True: the host is dead or shut out, nothing it writes leaves any more
         self._draws = draws
 
     def now_ns(self) -> int:
@@ -22,9 +23,15 @@ class SimLink:
 
     def write(self, data: bytes) -> None:
         """Hand bytes to the port; returns at once."""
-        if data:
-            start_ns = self.world.now_ns + self._draws.below_ns(self.jitter_max_ns)
+        if not data or self.fenced:
+            return
+        start_ns = self.world.now_ns + self._draws.below_ns(self.jitter_max_ns)
+        if self.bus.noise is None:
             self.bus.command.transmit(bytes(data), start_ns, float(self.baud))
+        else:
+            values, clean = self.bus.noise(data)
+            if values:
+                self.bus.command.transmit(values, start_ns, float(self.baud), clean)
 
     def read(self, count: int, deadline_ns: int) -> bytes:
         """Let time pass until ``count`` bytes are in or ``deadline_ns`` has come."""

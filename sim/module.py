@@ -124,6 +124,12 @@ class NmcModule:
         """Bring everything that is not communication to its power-up state."""
         raise NotImplementedError
 
+    def synchronise(self) -> None:
+        """Bring the module's own motion to the present time."""
+
+    def halt_dead(self) -> None:
+        """The chip has died: nothing drives its motor any more."""
+
     def drop_reply(self) -> bool:
         """The host has talked: a reply that has not begun is not sent. Returns whether there was one."""
         return False

@@ -294,6 +294,11 @@ class PicServo(nmc.NmcModule):
                     self.violation("X-75", "Save as Home while homing: the home register is overwritten")
                 n[k.HOME] = n[k.POS]
 
+    def halt_dead(self) -> None:
+        """No more PWM; the motor coasts."""
+        self.n[k.AMP] = 0
+        k.servo_off(self.n)
+
     def set_supply(self, volts: float) -> None:
         """Change the motor supply from now on."""
         self.synchronise()

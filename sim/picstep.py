@@ -265,6 +265,17 @@ class PicStep(nmc.NmcModule):
     def _watch_edges(self) -> None:
         self.timer.edge_above, self.timer.edge_below = self.inputs.edges(self.timer.mechanical)
 
+    def lose_steps(self, steps: int) -> None:
+        """The motor slips: the mechanics move by ``steps`` without the counter knowing."""
+        self.synchronise()
+        self.timer.mechanical += steps
+        self._watch_edges()
+        inputs_changed(self)
+
+    def halt_dead(self) -> None:
+        """No more pulses."""
+        self.timer.halt()
+
     def set_inputs(self, **levels: int | bool | None) -> None:
         """Change pins from outside; names and values as ``StepInputs.set``."""
         self.synchronise()

@@ -277,7 +277,7 @@ def _home(n: I8, index_passed: bool, error: bool, limiting: bool) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def run(ticks: int, n: I8, f: F8, switches: I8, command: I4, position: I4) -> None:
-    """Run ``ticks`` full-rate ticks. Samples go to command, position i4[K] from n[SAMPLES] on; the caller makes room."""
+    """Run ``ticks`` full-rate ticks. Samples go to command, position i4[K] from n[SAMPLES] on; there must be room."""
     for _ in range(ticks):
         n[TICK] += 1
         before = n[COUNT]

@@ -128,7 +128,23 @@ class SimOptions:
     trace_bus: bool = True
 
 
-Module = StepModule | ServoModule
+@dataclass(frozen=True, slots=True)
+class IoModule:
+    """A PIC-I/O: 12 pins that are inputs until told otherwise, three A/D inputs, two PWM outputs, a timer.
+
+    inputs: levels that the outside puts on pins 0..11; analog: the A/D inputs, 0..255.
+    """
+
+    name: str
+    crystal_ppm: float = 0.0
+    crystal_ppm_max: float = 0.0
+    reply_delay_max_ns: int = 500_000
+    inputs: int = 0
+    analog: tuple[int, int, int] = (0, 0, 0)
+    version: int = 2
+
+
+Module = StepModule | ServoModule | IoModule
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,8 @@ class StatusLine:
         self._promised: deque[tuple[int, int]] = deque()
         self._last_start_ns = -1
         self._last_byte_ns = 0.0
-        self._draws = draws
+        self.draws = draws
+        self.noise: Callable[[list[tuple[int, int]]], list[tuple[int, int]]] | None = None
         self._sniff = sniff
 
     def send(self, data: bytes, start_ns: int, baud: float, now_ns: int) -> None:
@@ -36,6 +37,8 @@ class StatusLine:
             coming = list(zip(arrivals_ns(start_ns, len(data), baud), data, strict=True))
         else:
             coming = misread(data, start_ns, baud, self.host_baud)
+        if self.noise is not None:
+            coming = self.noise(coming)
         if self._promised and start_ns < self.busy_until_ns and end_ns > self._last_start_ns:
             self._collide(coming, start_ns, end_ns, byte_ns(baud))
         else:
@@ -60,7 +63,7 @@ class StatusLine:
 
     def _noise(self, value: int) -> int:
         """Some value that is not ``value``: a garbled byte that passes for a good one would prove nothing."""
-        return value ^ (1 + int(self._draws.unit() * 255))
+        return value ^ (1 + int(self.draws.unit() * 255))
 
     def abort(self, at_ns: int) -> bool:
         """Every transmitter falls silent at ``at_ns``; returns whether one had been talking or about to."""
