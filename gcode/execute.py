@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcode import auxiliary, comments, modes, offsets, reference, saved, stops, toolsteps
+from gcode import auxiliary, comments, g10, modes, offsets, reference, saved, stops, toolsteps
 from gcode.arcs import arc
 from gcode.block import Block
 from gcode.canon import Dwell
@@ -40,6 +40,7 @@ from gcode.codes import (
     USER,
     g_name,
 )
+from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
@@ -92,7 +93,7 @@ MODAL_0_STEPS: dict[int, Step] = {
     301: reference.store_reference,
     920: offsets.set_axis_offset,
     520: offsets.set_axis_offset,
-    100: not_built,
+    100: g10.set_data,
     53: not_built,
 }
 
@@ -103,6 +104,10 @@ def motion(machine: Machine, block: Block) -> None:
     if code is None:
         return
     state = machine.state
+    if code in CYCLES:
+        canned_cycle(machine, block, code)
+        return
+    machine.cycle.initial = None
     if code == NO_MOTION:
         state.motion = NO_MOTION
         machine.emit.comment("interpreter: motion mode set to none")

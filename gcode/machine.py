@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from gcode.dialects import DIALECTS
 from gcode.emit import Emitter
 from gcode.errors import GcodeError
+from gcode.memory import CycleMemory
 from gcode.parameters import Parameters
 from gcode.setup import Setup, Tool
 from gcode.state import NO_TOOL, State, position_of
@@ -37,11 +39,14 @@ class Machine:
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
+        self.dialect = DIALECTS[setup.dialect]
         self.state = State(machine_unit_mm=MACHINE_UNIT_MM[setup.machine_units])
         self.parameters = Parameters(self.state, setup.parameters)
         self.tools: dict[int, Tool] | None = None if setup.tools is None else dict(setup.tools)
+        self.free_tools: dict[int, Tool] = {}
         self.finished = False
         self.warnings: list[GcodeError] = []
+        self.cycle = CycleMemory()
         self.contexts: list[Context] = [Context()]
         self.synch: Synch | None = None
         self.run_text: Callable[[str], None] = _nothing
@@ -73,7 +78,7 @@ class Machine:
     def tool(self, number: int, at: str) -> Tool:
         """The tool ``number``. GC060 if the table lacks it; without a table every number is a tool without length."""
         if self.tools is None:
-            return Tool(number) if number else NO_TOOL
+            return self.free_tools.setdefault(number, Tool(number)) if number else NO_TOOL
         tool = self.tools.get(number)
         if tool is None:
             if number == 0:

@@ -58,7 +58,7 @@ class State:
     control: int = 640
     tolerance: float | None = None
     merge: float | None = None
-    retract: int = 980
+    retract: int = 990
     spindle_mode: int = 970
     lathe_diameter: bool = False
     compensation: int = 400

@@ -52,6 +52,11 @@ def _tell_tool(machine: Machine, block: Block) -> None:
 def load_tool(machine: Machine, tool: Tool) -> None:
     """Puts ``tool`` into the spindle: state and parameters 5400 to 5413."""
     machine.state.tool_in_spindle = tool.number
+    write_tool_parameters(machine, tool)
+
+
+def write_tool_parameters(machine: Machine, tool: Tool) -> None:
+    """Parameters 5400 to 5413 say what is in the spindle."""
     numbers = (tool.number, *tool.offset, tool.diameter, tool.front_angle, tool.back_angle, tool.orientation)
     for index, value in enumerate(numbers):
         machine.parameters.values[TOOL_PARAMETER + index] = float(value)
