@@ -96,6 +96,13 @@ class RigidTap(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class SpindleSynch(Command):
+    """G33, G33.1, G76: the feed moves that follow advance ``pitch_mm`` a revolution of the spindle; None ends it."""
+
+    pitch_mm: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Dwell(Command):
     """G4: rest for ``seconds``."""
 

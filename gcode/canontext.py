@@ -25,6 +25,7 @@ from gcode.canon import (
     Rapid,
     RigidTap,
     Spindle,
+    SpindleSynch,
     Stop,
     Text,
     ToolChange,
@@ -104,6 +105,13 @@ def _rigid_tap(printer: Printer, command: Command) -> list[str]:
     return [f"RIGID_TAP({printer.numbers(printer.position(command.end)[:3])})"]
 
 
+def _synch(printer: Printer, command: Command) -> list[str]:
+    assert isinstance(command, SpindleSynch)
+    if command.pitch_mm is None:
+        return ["STOP_SPEED_FEED_SYNCH()"]
+    return [f"START_SPEED_FEED_SYNC({command.pitch_mm / printer.frame.unit_mm:.6f},0)"]
+
+
 def _nurbs(_printer: Printer, command: Command) -> list[str]:
     assert isinstance(command, Nurbs)
     return [f"NURBS_FEED({len(command.points)}, ...)"]
@@ -174,6 +182,7 @@ _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     Arc: _arc,
     RigidTap: _rigid_tap,
     Nurbs: _nurbs,
+    SpindleSynch: _synch,
     PathControl: _path_control,
     Spindle: _spindle,
     Coolant: _coolant,

@@ -11,12 +11,14 @@ from gcode.canon import (
     Command,
     Coolant,
     Feed,
+    Nurbs,
     Plane,
     Position,
     Probe,
     Rapid,
     RigidTap,
     Spindle,
+    SpindleSynch,
     Text,
 )
 from gcode.frame import Frame, FrameChange
@@ -92,6 +94,22 @@ class Emitter:
         """RIGID_TAP to ``end`` and back; ``pitch`` in program units per revolution."""
         target = self.frame.to_machine(position_of(end))
         self._out.append(RigidTap(self.line, target, pitch * self.state.unit_mm))
+
+    def nurbs(self, points: list[tuple[float, float, float]], order: int) -> None:
+        """NURBS_FEED through control points (x, y, weight) in program coordinates; the last one is the end."""
+        machine_points: list[tuple[float, float, float]] = []
+        place = list(self.state.position)
+        for x, y, weight in points:
+            place[0], place[1] = x, y
+            at = self.frame.to_machine(position_of(place))
+            machine_points.append((at[0], at[1], weight))
+        target = self.frame.to_machine(position_of(place))
+        self._out.append(Nurbs(self.line, target, tuple(machine_points), order, self.path_feed_mm_s()))
+        self.last = target
+
+    def synchronise(self, pitch: float | None) -> None:
+        """START_SPEED_FEED_SYNCH with ``pitch`` (program units a revolution), or its end."""
+        self._out.append(SpindleSynch(self.line, None if pitch is None else pitch * self.state.unit_mm))
 
     def spindle(self, spelled: str) -> None:
         """The spindle as the state has it now."""

@@ -44,6 +44,9 @@ from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
+from gcode.probing import probe
+from gcode.splines import nurbs_end, nurbs_point, spline
+from gcode.threading import synchronised, threading_cycle
 
 Step = Callable[[Machine, Block], None]
 
@@ -79,11 +82,6 @@ def no_step(_machine: Machine, _block: Block) -> None:
     """G4 and G53 act elsewhere."""
 
 
-def not_built(machine: Machine, block: Block) -> None:
-    """A code that is legal and not interpreted: refused with its place."""
-    raise GcodeError("GC099", f"{g_name(block.g[MODAL_0])} is not supported", "rewrite the line", "g")
-
-
 MODAL_0_STEPS: dict[int, Step] = {
     40: no_step,
     530: no_step,
@@ -94,29 +92,46 @@ MODAL_0_STEPS: dict[int, Step] = {
     920: offsets.set_axis_offset,
     520: offsets.set_axis_offset,
     100: g10.set_data,
-    53: not_built,
+    53: nurbs_end,
+}
+
+
+def motion_off(machine: Machine, _block: Block, _motion: int) -> None:
+    """G80."""
+    machine.state.motion = NO_MOTION
+    machine.emit.comment("interpreter: motion mode set to none")
+
+
+MOTIONS: dict[int, Callable[[Machine, Block, int], None]] = {
+    0: straight,
+    10: straight,
+    20: arc,
+    30: arc,
+    50: spline,
+    51: spline,
+    52: lambda machine, block, _motion: nurbs_point(machine, block),
+    330: synchronised,
+    331: synchronised,
+    382: probe,
+    383: probe,
+    384: probe,
+    385: probe,
+    760: lambda machine, block, _motion: threading_cycle(machine, block),
+    NO_MOTION: motion_off,
+    **dict.fromkeys(CYCLES, canned_cycle),
 }
 
 
 def motion(machine: Machine, block: Block) -> None:
     """The motion code of the line, explicit or modal."""
     code = block.motion
-    if code is None:
-        return
-    state = machine.state
-    if code in CYCLES:
-        canned_cycle(machine, block, code)
-        return
-    machine.cycle.initial = None
-    if code == NO_MOTION:
-        state.motion = NO_MOTION
-        machine.emit.comment("interpreter: motion mode set to none")
-    elif code in {0, 10}:
-        straight(machine, block, code)
-    elif code in {20, 30}:
-        arc(machine, block, code)
-    else:
+    assert code is not None
+    if code not in CYCLES:
+        machine.cycle.initial = None
+    step = MOTIONS.get(code)
+    if step is None:
         raise GcodeError("GC099", f"{g_name(code)} is not supported", "rewrite the line", "motion")
+    step(machine, block, code)
 
 
 def compensation(machine: Machine, block: Block) -> None:

@@ -47,6 +47,8 @@ class Machine:
         self.finished = False
         self.warnings: list[GcodeError] = []
         self.cycle = CycleMemory()
+        self.nurbs_points: list[tuple[float, float, float]] = []
+        self.nurbs_order = 3
         self.contexts: list[Context] = [Context()]
         self.synch: Synch | None = None
         self.run_text: Callable[[str], None] = _nothing
