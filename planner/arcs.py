@@ -108,8 +108,8 @@ def _refuse_bad_radii(moves: Moves, index: Index, r0: F8, r1: F8) -> None:
         raise PlanError(line, "", f"arc centre at {r0[k]:.4f} mm from the start and {r1[k]:.4f} mm from the end")
 
 
-def steps_of(arcs: Arcs, chord_mm: float) -> Index:
-    """How many vertices keep each arc within ``chord_mm``: i8[K]."""
+def steps_of(arcs: Arcs, chord_mm: F8) -> Index:
+    """How many vertices keep each arc within ``chord_mm`` f8[K]: i8[K]."""
     half = np.minimum((8 * chord_mm / np.maximum(arcs.r0, arcs.r1)) ** 0.25, MAX_HALF_STEP)
     return np.asarray(np.maximum(np.ceil(np.abs(arcs.sweep) / (2 * half)), MIN_STEPS).astype(np.intp))
 

@@ -143,6 +143,16 @@ def forward(
 
 
 @njit(cache=True)
+def commit_point(controllable: F8, optimistic: F8) -> int:
+    """The last node at which the two agree, so that nothing after the horizon can matter; 0 if only the first or
+    none."""
+    for i in range(len(controllable) - 1, -1, -1):
+        if controllable[i] == optimistic[i]:
+            return i
+    return 0
+
+
+@njit(cache=True)
 def solve(
     length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8
 ) -> tuple[F8, F8]:
@@ -154,3 +164,36 @@ def solve(
     backward(length, tangent_in, tangent_out, acceleration, node_cap, node_cap[n], controllable)
     forward(length, tangent_in, tangent_out, acceleration, controllable, 0.0, x)
     return x, interval_cap
+
+
+@njit(cache=True)
+def fill_pieces(
+    length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, x: F8, cap: F8
+) -> tuple[F8, npt.NDArray[np.int32], F8, F8, F8]:
+    """Pieces of constant s'': duration, interval, offset, speed, s''; one on a parabola, up to three on a line."""
+    n, axes = tangent_in.shape
+    duration, interval, offset = np.empty(3 * n), np.empty(3 * n, dtype=np.int32), np.empty(3 * n)
+    speed, accel = np.empty(3 * n), np.empty(3 * n)
+    part_length, part_x = np.empty(3), np.empty(4)
+    m = 0
+    for i in range(n):
+        d, x0, x1 = length[i], x[i], x[i + 1]
+        part_length[0], part_length[1], part_length[2] = d, 0.0, 0.0
+        part_x[0], part_x[1], part_x[2], part_x[3] = x0, x1, x1, x1
+        if _is_straight(tangent_in[i], tangent_out[i], axes):
+            a = _straight_bound(tangent_in[i], acceleration, axes)
+            peak = max(min(cap[i], (x0 + x1) / 2 + a * d), x0, x1)
+            up, down = (peak - x0) / (2 * a), (peak - x1) / (2 * a)
+            if up + down < d * (1 - 1e-9) or (up > 1e-9 * d and down > 1e-9 * d):
+                part_length[0], part_length[1], part_length[2] = up, max(d - up - down, 0.0), down
+                part_x[1], part_x[2] = peak, peak
+        at = 0.0
+        for k in range(3):
+            if part_length[k] > 1e-9 * d:
+                v0, v1 = np.sqrt(part_x[k]), np.sqrt(part_x[k + 1])
+                duration[m] = 2 * part_length[k] / (v0 + v1)
+                interval[m], offset[m], speed[m] = i, at, v0
+                accel[m] = (v1 - v0) / duration[m]
+                m += 1
+            at += part_length[k]
+    return duration[:m].copy(), interval[:m].copy(), offset[:m].copy(), speed[:m].copy(), accel[:m].copy()

@@ -36,16 +36,16 @@ class _Grid(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]  #
 class _Acceleration(LinearConstraint):  # type: ignore[misc]
     """|q' u + q'' x| <= A at both ends of every interval, x and u those of the interval's start."""
 
-    def __init__(self, p: Intervals, acceleration: F8) -> None:
+    def __init__(self, length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8) -> None:
         super().__init__()
-        self.dof = p.start.shape[1]
+        self.dof = tangent_in.shape[1]
         self.set_discretization_type(DiscretizationType.Collocation)
         self.identical = True
         self._constraint_type = ConstraintType.CanonicalLinear
-        bend = (p.tangent_out - p.tangent_in) / p.length[:, None]
-        out = p.tangent_out + 2 * (p.tangent_out - p.tangent_in)
+        bend = (tangent_out - tangent_in) / length[:, None]
+        out = tangent_out + 2 * (tangent_out - tangent_in)
         pad = np.zeros((1, 2 * self.dof))
-        self._a = np.vstack([np.hstack([p.tangent_in, out]), pad])
+        self._a = np.vstack([np.hstack([tangent_in, out]), pad])
         self._b = np.vstack([np.hstack([bend, bend]), pad])
         self._limit = np.tile(acceleration, 4)
 
@@ -68,34 +68,34 @@ class _Cap(LinearConstraint):  # type: ignore[misc]
         return None, None, None, None, None, None, self._bound
 
 
-def solve(p: Intervals, acceleration: F8, node_cap: F8) -> F8:
-    """x = s'^2 at all nodes f8[N + 1]. Each stop-to-stop run is a problem of its own. Raises PlanError."""
+def solve(p: Intervals, tangents: tuple[F8, F8], acceleration: F8, node_cap: F8) -> F8:
+    """x = s'^2 at all nodes f8[N + 1]. Each stop-to-stop run is a problem of its own. Raises PlanError.
+
+    tangents: q' at both interval ends as the constraints see it, f8[N, R]. acceleration: f8[R]. node_cap: f8[N + 1].
+    """
     x = np.zeros(len(p) + 1)
-    nodes = np.flatnonzero(p.stop)
-    for first, last in pairwise(nodes):
-        x[first : last + 1] = _run(_part(p, int(first), int(last)), acceleration, node_cap[first : last + 1])
+    for first, last in pairwise(np.flatnonzero(p.stop)):
+        s = slice(int(first), int(last))
+        try:
+            part = tangents[0][s], tangents[1][s]
+            x[first : last + 1] = _run(p.length[s], part, acceleration, node_cap[first : last + 1])
+        except ValueError as error:
+            raise PlanError(int(p.line[first]), "", f"toppra: {error}", "plan with --solver kernel") from None
     return x
 
 
-def _part(p: Intervals, first: int, last: int) -> Intervals:
-    s = slice(first, last)
-    return Intervals(
-        p.length[s], p.start[s], p.tangent_in[s], p.tangent_out[s], p.feed_mm_s[s], p.line[s], p.stop[first : last + 1]
-    )
-
-
-def _run(p: Intervals, acceleration: F8, node_cap: F8) -> F8:
-    if len(p) == 1:
+def _run(length: F8, tangents: tuple[F8, F8], acceleration: F8, node_cap: F8) -> F8:
+    if len(length) == 1:
         return np.zeros(2)
-    s = np.concatenate([[0.0], np.cumsum(p.length)])
+    s = np.concatenate([[0.0], np.cumsum(length)])
     cap = node_cap.copy()
     cap[[0, -1]] = np.max(node_cap)  # the ends are held by sd_start and sd_end
-    constraints = [_Acceleration(p, acceleration), _Cap(cap, p.start.shape[1])]
+    dof = tangents[0].shape[1]
     problem = toppra.algorithm.TOPPRA(
-        constraints, _Grid(s, p.start.shape[1]), gridpoints=s, solver_wrapper="seidel",
-        parametrizer="ParametrizeConstAccel",
+        [_Acceleration(length, *tangents, acceleration), _Cap(cap, dof)], _Grid(s, dof), gridpoints=s,
+        solver_wrapper="seidel", parametrizer="ParametrizeConstAccel",
     )  # fmt: skip
     _, speed, _ = problem.compute_parameterization(0.0, 0.0)
     if speed is None or np.isnan(speed).any():
-        raise PlanError(int(p.line[0]), "", "toppra found no parametrization", "plan with --solver kernel")
+        raise ValueError("no parametrization found")
     return np.asarray(speed) ** 2

@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from gcode import canon
-from planner.timing import Timing
+from planner.deviation import Deviation
+from planner.jerk import FilteredTrajectory
+from planner.timing import Timed
 from planner.trajectory import PathTrajectory
 from planner.types import Limits
 
@@ -35,6 +37,7 @@ class PlanReport:
     stops: int
     solver: str
     axes: dict[str, AxisReport]
+    deviation: Deviation
 
     def as_json(self) -> str:
         """One JSON object."""
@@ -54,14 +57,15 @@ class PlanReport:
         return "\n".join(rows)
 
 
-def report_of(trajectory: PathTrajectory, limits: Limits, timing: Timing | None) -> PlanReport:
+def report_of(
+    trajectory: PathTrajectory | FilteredTrajectory, timed: Timed, limits: Limits, solver: str, deviation: Deviation
+) -> PlanReport:
     """Peaks at all piece ends (where they are exact), reach at interval ends."""
-    p, w = trajectory.intervals, trajectory.pieces
-    begin = trajectory.begin_s
-    inside = np.nextafter(begin + w.duration_s, 0.0)
-    velocity = np.maximum(np.abs(trajectory.v(begin)), np.abs(trajectory.v(inside))).max(axis=0)
-    acceleration = np.maximum(np.abs(trajectory.a(begin)), np.abs(trajectory.a(inside))).max(axis=0)
-    ends = np.concatenate([p.start, trajectory.q(np.array([trajectory.duration_s]))])
+    p = timed.intervals
+    junctions = trajectory.junctions_s()
+    moments = np.concatenate([junctions, np.nextafter(junctions[1:], 0.0)])
+    velocity, acceleration = np.abs(trajectory.v(moments)).max(axis=0), np.abs(trajectory.a(moments)).max(axis=0)
+    ends = np.concatenate([p.start, trajectory.q(np.array([0.0, trajectory.duration_s]))])
     axes = {
         name: AxisReport(
             float(ends[:, k].min()),
@@ -74,5 +78,4 @@ def report_of(trajectory: PathTrajectory, limits: Limits, timing: Timing | None)
         for k, name in enumerate(limits.axes)
     }
     dwell = sum(e.command.seconds for e in trajectory.events if isinstance(e.command, canon.Dwell))
-    solver = "none" if timing is None else timing.solver
-    return PlanReport(trajectory.duration_s, dwell, len(p), int(p.stop.sum()), solver, axes)
+    return PlanReport(trajectory.duration_s, dwell, len(p), int(p.stop.sum()), solver, axes, deviation)

@@ -1,4 +1,4 @@
-"""Timing: interval arrays and limits to x = s'^2 at the nodes, and from there to pieces of constant s''.
+"""Timing: interval arrays and constraints to x = s'^2 at the nodes, and from there to pieces of constant s''.
 
 Two solvers share the arrays: toppra (the reference) and the compiled kernel of the same reachability pass. A straight
 line is one interval to both; afterwards it is replaced analytically by accelerate, cruise, decelerate.
@@ -6,12 +6,15 @@ line is one interval to both; afterwards it is replaced analytically by accelera
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from planner.types import F8, I4, Intervals, Limits
+from gcode.canon import Command, Dwell
+from planner.constraints import Constraints
+from planner.types import F8, I4, Event, Intervals
 
 Solver = Literal["auto", "toppra", "kernel"]
 TOPPRA_INTERVALS = 3000
@@ -36,37 +39,46 @@ class Pieces:
         return len(self.duration_s)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Timing:
-    """x: f8[N + 1], s'^2 at the nodes. cap: f8[N], largest x that feed and axis velocities allow. solver: who
-    solved."""
+@dataclass(frozen=True, slots=True)
+class NodeMark:
+    """``command`` happens when the path reaches ``node``."""
 
+    node: int
+    command: Command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timed:
+    """A timed path: what a trajectory is made of, and what rate control times again.
+
+    intervals: N. x: f8[N + 1], s'^2 at the nodes. cap: f8[N], largest x that feed and velocities allow. marks:
+    ascending in node, 0..N. drain_s: rest at every stop but the first node (the jerk filter runs empty there).
+    """
+
+    intervals: Intervals
     x: F8
     cap: F8
-    solver: Literal["toppra", "kernel"]
+    marks: Sequence[NodeMark] = ()
+    drain_s: float = 0.0
 
 
-def solve(p: Intervals, limits: Limits, solver: Solver = "auto") -> Timing:
-    """Minimum-time x at all nodes of ``p``, at rest at every stop. Raises PlanError where toppra fails."""
+def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tuple[F8, F8, str]:
+    """Minimum-time x f8[N + 1], caps f8[N] and the solver's name; at rest at every stop. Raises PlanError."""
     from planner import kernel
 
-    chosen: Literal["toppra", "kernel"]
+    chosen = solver
     if solver == "auto":
         chosen = "toppra" if len(p) <= TOPPRA_INTERVALS and _has_toppra() else "kernel"
-    else:
-        chosen = solver
+    tangents = constraints.tangents(p)
+    v, a = constraints.velocity, constraints.acceleration
     if chosen == "kernel":
-        x, cap = kernel.solve(
-            p.length, p.tangent_in, p.tangent_out, p.feed_mm_s, p.stop, limits.velocity, limits.acceleration
-        )
-        return Timing(x, cap, "kernel")
-    cap, node_cap = np.empty(len(p)), np.empty(len(p) + 1)
-    kernel.node_caps(
-        p.length, p.tangent_in, p.tangent_out, p.feed_mm_s, p.stop, limits.velocity, limits.acceleration, cap, node_cap
-    )
+        x, cap = kernel.solve(p.length, *tangents, p.feed_mm_s, p.stop, v, a)
+        return x, cap, "kernel"
     from planner import reference
 
-    return Timing(reference.solve(p, limits.acceleration, node_cap), cap, "toppra")
+    cap, node_cap = np.empty(len(p)), np.empty(len(p) + 1)
+    kernel.node_caps(p.length, *tangents, p.feed_mm_s, p.stop, v, a, cap, node_cap)
+    return reference.solve(p, tangents, a, node_cap), cap, "toppra"
 
 
 def _has_toppra() -> bool:
@@ -75,34 +87,49 @@ def _has_toppra() -> bool:
     return find_spec("toppra") is not None
 
 
-def straight_accel(tangent: F8, acceleration: F8) -> F8:
-    """Largest |s''| f8[N] on straight lines of unit tangents f8[N, A]."""
-    with np.errstate(divide="ignore"):
-        return np.asarray((acceleration / np.maximum(np.abs(tangent), 1e-12)).min(axis=1))
+def schedule(timed: Timed, constraints: Constraints) -> tuple[Pieces, list[Event]]:
+    """Pieces of constant s'' with the rests between them, and every mark with its time from the first node on."""
+    from planner import kernel
+
+    p = timed.intervals
+    tangents = constraints.tangents(p)
+    pieces = Pieces(*kernel.fill_pieces(p.length, *tangents, constraints.acceleration, timed.x, timed.cap))
+    rests = _rests(timed)
+    if not rests and not timed.marks:
+        return pieces, []
+    time = np.concatenate([[0.0], np.cumsum(pieces.duration_s)])
+    nodes = np.array([node for node, _, _ in rests], dtype=np.intp)
+    at = np.searchsorted(pieces.interval, nodes, side="left")
+    events: list[Event] = []
+    index, row = [], []
+    waited = 0.0
+    for (node, seconds, command), m in zip(rests, at, strict=True):
+        if command is not None:
+            events.append(Event(float(time[m]) + waited, command))
+        if seconds > 0:
+            i = max(node - 1, 0)
+            index.append(m)
+            row.append((seconds, i, float(p.length[i]) if node else 0.0))
+            waited += seconds
+    if not index:
+        return pieces, events
+    rest_s, interval, offset = (np.array(c) for c in zip(*row, strict=True))
+    put = Pieces(
+        np.insert(pieces.duration_s, index, rest_s),
+        np.insert(pieces.interval, index, interval.astype(np.int32)),
+        np.insert(pieces.offset_mm, index, offset),
+        np.insert(pieces.speed_mm_s, index, 0.0),
+        np.insert(pieces.accel_mm_s2, index, 0.0),
+    )
+    return put, events
 
 
-def pieces_of(p: Intervals, timing: Timing, acceleration: F8) -> Pieces:
-    """Pieces of constant s'': one on a parabola, up to three on a straight line. All vectorised."""
-    x0, x1, d = timing.x[:-1], timing.x[1:], p.length
-    straight = (p.tangent_in == p.tangent_out).all(axis=1)
-    a = np.where(straight, straight_accel(p.tangent_in, acceleration), 1.0)
-    peak = np.minimum(timing.cap, (x0 + x1) / 2 + a * d)
-    peak = np.maximum(peak, np.maximum(x0, x1))
-    up, down = (peak - x0) / (2 * a), (peak - x1) / (2 * a)
-    cruise = d - up - down
-    least = 1e-9 * d
-    phases = (up > least).astype(int) + (cruise > least) + (down > least)
-    refined = straight & ((phases >= 2) | ((x0 == 0) & (x1 == 0)))
-    n = len(p)
-    part_length, part_x0, part_x1 = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    part_length[:, 0], part_x0[:, 0], part_x1[:, 0] = d, x0, x1
-    part_length[refined] = np.stack([up, np.maximum(cruise, 0.0), down], axis=1)[refined]
-    part_x0[refined] = np.stack([x0, peak, peak], axis=1)[refined]
-    part_x1[refined] = np.stack([peak, peak, x1], axis=1)[refined]
-    used = part_length > least[:, None]
-    v0, v1 = np.sqrt(part_x0), np.sqrt(part_x1)
-    offset = np.cumsum(part_length, axis=1) - part_length
-    interval = np.broadcast_to(np.arange(n, dtype=np.int32)[:, None], (n, 3))[used]
-    length, v0, v1, offset = part_length[used], v0[used], v1[used], offset[used]
-    duration = 2 * length / (v0 + v1)
-    return Pieces(duration, interval, offset, v0, (v1 - v0) / duration)
+def _rests(timed: Timed) -> list[tuple[int, float, Command | None]]:
+    """(node, seconds, command or None) in the order of time: at a stop first the drain, then what the program does."""
+    out: list[tuple[int, float, Command | None]] = []
+    if timed.drain_s > 0:
+        out = [(int(n), timed.drain_s, None) for n in np.flatnonzero(timed.intervals.stop[1:]) + 1]
+    for mark in timed.marks:
+        seconds = mark.command.seconds if isinstance(mark.command, Dwell) else 0.0
+        out.append((mark.node, seconds, mark.command))
+    return sorted(out, key=lambda r: r[0])
