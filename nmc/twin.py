@@ -45,6 +45,11 @@ class StepTimer:
             return self.left
         return self.left - min(self.left, (now_ns - self.next_ns) // self.period_ns + 1)
 
+    def ahead(self, now_ns: int) -> tuple[int, int]:
+        """(next step's instant, steps left) as they will be at ``now_ns`` if nothing is loaded before."""
+        left = self.left_at(now_ns)
+        return self.next_ns + (self.left - left) * self.period_ns, left
+
     def arrival_ns(self) -> int:
         """Instant of the last step of the run (of the past one if none is left)."""
         return self.next_ns + (self.left - 1) * self.period_ns

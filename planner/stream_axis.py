@@ -53,7 +53,6 @@ class StepAxis:
         self.last_direction = 0
         self.stop_motor_sent = True
         self.in_stream = False
-        self.pending: Load | None = None
 
     # --- what the axis is doing -----------------------------------------------------------------------------------
 
@@ -69,10 +68,18 @@ class StepAxis:
     def settle(self, now_ns: int) -> None:
         """Close the leg if even the slowest chip has made its last step."""
         if self.leg is not None and self.twin.surely_stopped_from_ns() < now_ns:
-            self.position_steps = self.leg.stop_steps
-            self.last_direction = self.leg.direction
-            self.leg = None
-            self.pending = None
+            self.close()
+
+    def close(self) -> None:
+        """The leg is over: the slowest chip has arrived, or the moving bit has been seen clear."""
+        assert self.leg is not None
+        self.position_steps = self.leg.stop_steps
+        self.last_direction = self.leg.direction
+        self.leg = None
+
+    def likely_stopped_at(self, now_ns: int) -> bool:
+        """The nominal chip has arrived, though a slower one might not have."""
+        return self.leg is not None and self.twin.nominal.arrival_ns() < now_ns
 
     def next_leg(self) -> Leg | None:
         """The leg that this axis begins next."""
@@ -124,9 +131,9 @@ class StepAxis:
     def aim_error_steps(self, execute_ns: int, target_ns: int) -> float:
         """How many steps off the plan the axis would be at ``target_ns`` without a new count at ``execute_ns``."""
         wanted = self._aim(execute_ns, target_ns)
-        timer = self.twin.nominal
-        steps = min(max((target_ns - timer.next_ns) // max(wanted, 1), 1), timer.left - 1)
-        return abs(timer.period_ns - wanted) * steps / max(wanted, 1)
+        next_ns, left = self.twin.nominal.ahead(execute_ns)
+        steps = min(max((target_ns - next_ns) // max(wanted, 1), 1), left - 1)
+        return abs(self.twin.nominal.period_ns - wanted) * steps / max(wanted, 1)
 
     @property
     def slow(self) -> bool:
@@ -141,14 +148,13 @@ class StepAxis:
         """
         leg = self.leg
         assert leg is not None
-        timer = self.twin.nominal
-        timer.advance(execute_ns)
-        if timer.left <= 1:
-            return timer.period_ns
-        due = len(leg) - timer.left
+        next_ns, left = self.twin.nominal.ahead(execute_ns)
+        if left <= 1:
+            return self.twin.nominal.period_ns
+        due = len(leg) - left
         aim = min(int(np.searchsorted(leg.times_ns, target_ns - self.start_ns)), len(leg) - 1)
         aim = max(aim, due + 1)
-        period_ns = (int(leg.times_ns[aim]) + self.start_ns - timer.next_ns) // (aim - due)
+        period_ns = (int(leg.times_ns[aim]) + self.start_ns - next_ns) // (aim - due)
         return max(period_ns, self._fastest_ns(leg, due, aim))
 
     def _fastest_ns(self, leg: Leg, due: int, aim: int) -> int:
@@ -172,7 +178,6 @@ class StepAxis:
 
     def executed(self, load: Load, earliest_ns: int, latest_ns: int) -> None:
         """``load`` was started within the given window."""
-        self.pending = None
         if load.leg is None:
             self.twin.load(earliest_ns, latest_ns, load.period_ns)
             return

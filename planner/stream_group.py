@@ -134,11 +134,14 @@ class GroupStream:
             if axis.in_stream and axis.moving:
                 continue
             axis.settle(self.now_ns)
+            first = axis.first_step_ns()
+            soon = first is not None and first - self.now_ns < PREPARE_NS
+            if soon and axis.likely_stopped_at(self.now_ns):
+                yield from self._ask(axis)
+                said = True
             if axis.moving:
                 said = (yield from self._trim(axis)) or said
-                continue
-            first = axis.first_step_ns()
-            if first is not None and first - self.now_ns < PREPARE_NS:
+            elif soon:
                 said = (yield from self._stop_motor(axis)) or said
                 said = (yield from self._lone_start(axis, start_ns)) or said
         return said
@@ -172,6 +175,12 @@ class GroupStream:
         self._expect_moving(axis, evidence)
         axis.executed(load, *self._window(evidence))
         return True
+
+    def _ask(self, axis: StepAxis) -> Stream:
+        """Read the moving bit of an axis that has probably arrived: its next leg need not wait for the slowest twin."""
+        evidence = yield Exchange(axis.motor.address, NO_OPERATION, bus=self.bus)
+        if evidence.status is not None and not evidence.status & MOVING:
+            axis.close()
 
     def _wait(self, start_ns: int) -> Exchange:
         """Nothing to say in this slice: ask the axis that ends next how it is."""
