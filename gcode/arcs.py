@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import math
 
+from gcode.arcgeometry import Point, distance, swept
 from gcode.block import Block
+from gcode.compensatedarcs import arc_move
+from gcode.compensation import active
 from gcode.emit import PLANE_AXES
 from gcode.errors import GcodeError
 from gcode.machine import Machine
-from gcode.motion import INVERSE_TIME, check_feed, find_end, set_inverse_time
+from gcode.motion import INVERSE_TIME, check_feed, find_end, programmed_position, set_inverse_time
 
 CENTER_LETTERS = {170: ("i", "j", "k"), 180: ("k", "i", "j"), 190: ("j", "k", "i")}
 """Centre words of the first and second axis of a plane, and the one that has no business there."""
@@ -23,8 +26,6 @@ SPIRAL_MM = 2 * 0.01 * math.sqrt(2.0)
 SPIRAL_INCH = 2 * 0.001 * math.sqrt(2.0)
 """A start and an end radius may differ by this much (rounded coordinates), and by 0.1 % of the radius."""
 
-Point = tuple[float, float]
-
 
 def arc(machine: Machine, block: Block, motion: int) -> None:
     """G2 (clockwise) and G3, seen from the positive end of the plane's third axis."""
@@ -32,23 +33,37 @@ def arc(machine: Machine, block: Block, motion: int) -> None:
     name = "G2" if motion == 20 else "G3"
     if state.plane not in PLANE_AXES:
         raise GcodeError("GC048", f"{name} in plane G17.1, G18.1 or G19.1", "arcs need G17, G18 or G19", "motion")
+    if machine.arc_forbidden:
+        raise GcodeError(
+            "GC095",
+            f"{name} as the first move after G40",
+            "the move that leaves compensation must be straight",
+            "motion",
+        )
     has_center = _check_words(machine, block, name)
     check_feed(machine, block, name)
     end = find_end(machine, block)
     state.motion = motion
     first, second, third = PLANE_AXES[state.plane]
-    start: Point = (state.position[first], state.position[second])
+    compensation = active(machine)
+    here = programmed_position(machine)
+    start: Point = (here[first], here[second])
     stop: Point = (end[first], end[second])
     turns = block.whole("p") if "p" in block.words else 1
     center = (
         center_of_ijk(machine, block, start, stop)
         if has_center
-        else center_of_radius(machine, block, start, stop, motion)
+        else center_ofdistance(machine, block, start, stop, motion)
     )
     turns = -turns if motion == 20 else turns
     if state.feed_mode == INVERSE_TIME:
-        rise = end[third] - state.position[third]
-        set_inverse_time(machine, block, math.hypot(_radius(center, start) * swept(start, stop, center, turns), rise))
+        rise = end[third] - here[third]
+        set_inverse_time(machine, block, math.hypot(distance(center, start) * swept(start, stop, center, turns), rise))
+    if compensation is not None:
+        if state.plane == 190:
+            raise GcodeError("GC093", f"{name} in the YZ plane under compensation", "use G17 or G18", "motion")
+        arc_move(machine, compensation, end, center, turns, start)
+        return
     machine.emit.arc(end, center, turns)
     state.position = end
 
@@ -100,7 +115,7 @@ def center_of_ijk(machine: Machine, block: Block, start: Point, stop: Point) -> 
     one, two, _ = CENTER_LETTERS[state.plane]
     i, j = words.get(one, 0.0), words.get(two, 0.0)
     center = (i, j) if state.ijk_absolute else (start[0] + i, start[1] + j)
-    r1, r2 = _radius(center, start), _radius(center, stop)
+    r1, r2 = distance(center, start), distance(center, stop)
     tolerance = RADIUS_TOLERANCE_MM / state.unit_mm
     if r1 < tolerance or r2 < tolerance:
         raise GcodeError(
@@ -132,7 +147,7 @@ def _radii_differ(machine: Machine, ij: Point, start: Point, stop: Point, radii:
     hint = "use R, or give the centre with more decimals"
 
     def fits(center: Point) -> bool:
-        a, b = _radius(center, start), _radius(center, stop)
+        a, b = distance(center, start), distance(center, stop)
         return a > 0.0 and abs(a - b) <= max(1e-3 * a, 0.03 / state.unit_mm)
 
     other = (start[0] + ij[0], start[1] + ij[1]) if state.ijk_absolute else ij
@@ -157,7 +172,7 @@ def _radii_differ(machine: Machine, ij: Point, start: Point, stop: Point, radii:
     )
 
 
-def center_of_radius(machine: Machine, block: Block, start: Point, stop: Point, motion: int) -> Point:
+def center_ofdistance(machine: Machine, block: Block, start: Point, stop: Point, motion: int) -> Point:
     """The centre from R (negative: the arc of more than a half circle). GC045, GC046."""
     radius = block.words["r"]
     if start == stop:
@@ -184,20 +199,3 @@ def center_of_radius(machine: Machine, block: Block, start: Point, stop: Point, 
     offset = size * math.cos(math.asin(half / size))
     middle = ((start[0] + stop[0]) / 2.0, (start[1] + stop[1]) / 2.0)
     return middle[0] + offset * math.cos(theta), middle[1] + offset * math.sin(theta)
-
-
-def _radius(center: Point, point: Point) -> float:
-    return math.hypot(center[0] - point[0], center[1] - point[1])
-
-
-def swept(start: Point, stop: Point, center: Point, turns: int) -> float:
-    """The angle of an arc, rad: positive counter-clockwise; a full turn more for each turn beyond the first."""
-    alpha = math.atan2(start[1] - center[1], start[0] - center[0])
-    beta = math.atan2(stop[1] - center[1], stop[0] - center[0])
-    if turns > 0:
-        if beta <= alpha:
-            beta += 2.0 * math.pi
-        return beta - alpha + (turns - 1) * 2.0 * math.pi
-    if alpha <= beta:
-        alpha += 2.0 * math.pi
-    return beta - alpha + (turns + 1) * 2.0 * math.pi

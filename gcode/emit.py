@@ -6,6 +6,8 @@ It keeps the frame of the moment and the last position, from which it knows whet
 
 from __future__ import annotations
 
+from typing import Any
+
 from gcode.canon import (
     Arc,
     Command,
@@ -38,6 +40,7 @@ class Emitter:
         self.frame: Frame = state.frame()
         self.last: Position = self.frame.to_machine(position_of(state.position))
         self._out: list[Command] = []
+        self.held: list[Any] | None = None
 
     def take(self) -> list[Command]:
         """The commands since the last call."""
@@ -46,12 +49,12 @@ class Emitter:
         return out
 
     def command(self, command: Command) -> None:
-        """A finished command."""
-        self._out.append(command)
+        """A finished command; it waits if cutter compensation holds moves back."""
+        (self._out if self.held is None else self.held).append(command)
 
     def text(self, function: str) -> None:
         """A canonical function that moves nothing, spelled as it is printed."""
-        self._out.append(Text(self.line, function))
+        self.command(Text(self.line, function))
 
     def comment(self, text: str) -> None:
         """COMMENT("...")."""
@@ -60,21 +63,21 @@ class Emitter:
     def frame_change(self, function: str) -> None:
         """A function that changes offsets, units or rotation: the frame is taken anew from the state."""
         self.frame = self.state.frame()
-        self._out.append(FrameChange(self.line, function, self.frame))
+        self.command(FrameChange(self.line, function, self.frame))
 
     def rapid(self, end: list[float]) -> None:
         """STRAIGHT_TRAVERSE to program coordinates ``end``."""
         target = self.frame.to_machine(position_of(end))
-        self._out.append(Rapid(self.line, target))
+        self.command(Rapid(self.line, target))
         self.last = target
 
-    def feed(self, end: list[float]) -> None:
-        """STRAIGHT_FEED to program coordinates ``end`` at the feed of the state."""
+    def feed(self, end: list[float], feed_mm_s: float | None = None) -> None:
+        """STRAIGHT_FEED to program coordinates ``end`` at the feed of the state, if none is given."""
         target = self.frame.to_machine(position_of(end))
-        self._out.append(Feed(self.line, target, self.feed_mm_s(target)))
+        self.command(Feed(self.line, target, self.feed_mm_s(target) if feed_mm_s is None else feed_mm_s))
         self.last = target
 
-    def arc(self, end: list[float], center: tuple[float, float], turns: int) -> None:
+    def arc(self, end: list[float], center: tuple[float, float], turns: int, feed_mm_s: float | None = None) -> None:
         """ARC_FEED about ``center`` (program coordinates of the plane's first and second axis)."""
         first, second, _ = PLANE_AXES[self.state.plane]
         target = self.frame.to_machine(position_of(end))
@@ -82,18 +85,19 @@ class Emitter:
         middle[first], middle[second] = center
         at = self.frame.to_machine(position_of(middle))
         plane = PLANE_NAMES[self.state.plane]
-        self._out.append(Arc(self.line, target, (at[first], at[second]), plane, turns, self.path_feed_mm_s()))
+        feed = self.path_feed_mm_s() if feed_mm_s is None else feed_mm_s
+        self.command(Arc(self.line, target, (at[first], at[second]), plane, turns, feed))
         self.last = target
 
     def probe(self, end: list[float], *, away: bool, required: bool) -> None:
         """STRAIGHT_PROBE towards program coordinates ``end``."""
         target = self.frame.to_machine(position_of(end))
-        self._out.append(Probe(self.line, target, self.feed_mm_s(target), away, required))
+        self.command(Probe(self.line, target, self.feed_mm_s(target), away, required))
 
     def rigid_tap(self, end: list[float], pitch: float) -> None:
         """RIGID_TAP to ``end`` and back; ``pitch`` in program units per revolution."""
         target = self.frame.to_machine(position_of(end))
-        self._out.append(RigidTap(self.line, target, pitch * self.state.unit_mm))
+        self.command(RigidTap(self.line, target, pitch * self.state.unit_mm))
 
     def nurbs(self, points: list[tuple[float, float, float]], order: int) -> None:
         """NURBS_FEED through control points (x, y, weight) in program coordinates; the last one is the end."""
@@ -104,22 +108,22 @@ class Emitter:
             at = self.frame.to_machine(position_of(place))
             machine_points.append((at[0], at[1], weight))
         target = self.frame.to_machine(position_of(place))
-        self._out.append(Nurbs(self.line, target, tuple(machine_points), order, self.path_feed_mm_s()))
+        self.command(Nurbs(self.line, target, tuple(machine_points), order, self.path_feed_mm_s()))
         self.last = target
 
     def synchronise(self, pitch: float | None) -> None:
         """START_SPEED_FEED_SYNCH with ``pitch`` (program units a revolution), or its end."""
-        self._out.append(SpindleSynch(self.line, None if pitch is None else pitch * self.state.unit_mm))
+        self.command(SpindleSynch(self.line, None if pitch is None else pitch * self.state.unit_mm))
 
     def spindle(self, spelled: str) -> None:
         """The spindle as the state has it now."""
         state = self.state
         direction = (state.spindle_direction > 0) - (state.spindle_direction < 0)
-        self._out.append(Spindle(self.line, direction, state.spindle_rpm, spelled))  # type: ignore[arg-type]
+        self.command(Spindle(self.line, direction, state.spindle_rpm, spelled))  # type: ignore[arg-type]
 
     def coolant(self, spelled: str) -> None:
         """The coolant as the state has it now."""
-        self._out.append(Coolant(self.line, self.state.mist, self.state.flood, spelled))
+        self.command(Coolant(self.line, self.state.mist, self.state.flood, spelled))
 
     def path_feed_mm_s(self) -> float:
         """The feed of the state along a path of lengths, mm/s. Feed per revolution counts with the spindle's speed."""

@@ -40,6 +40,7 @@ from gcode.codes import (
     USER,
     g_name,
 )
+from gcode.compensation import set_compensation
 from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
 from gcode.machine import Machine
@@ -134,14 +135,6 @@ def motion(machine: Machine, block: Block) -> None:
     step(machine, block, code)
 
 
-def compensation(machine: Machine, block: Block) -> None:
-    """G40 to G42.1."""
-    code = block.g[COMPENSATION]
-    if code != 400:
-        raise GcodeError("GC099", f"{g_name(code)} is not supported", "let the CAM compensate the tool radius", "g")
-    machine.emit.comment("interpreter: cutter radius compensation off")
-
-
 def spindle(machine: Machine, block: Block) -> None:
     """M3, M4, M5 and M19; M70 to M73 share their group."""
     if block.m[SPINDLE] >= 70:
@@ -173,7 +166,7 @@ ORDER: tuple[Stage, ...] = (
     Stage("g", PLANE, modes.set_plane),
     Stage("g", UNITS, modes.set_units),
     Stage("g", LATHE_DIAMETER, modes.set_lathe_diameter),
-    Stage("g", COMPENSATION, compensation),
+    Stage("g", COMPENSATION, set_compensation),
     Stage("g", TOOL_LENGTH, toolsteps.set_tool_length),
     Stage("g", COORDINATES, offsets.set_coordinate_system),
     Stage("g", CONTROL, modes.set_control),

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from gcode.block import AXIS_LETTERS, Block, Line
 from gcode.canon import Command, End, Position
+from gcode.compensation import flush
 from gcode.errors import Diagnostic, GcodeError
 from gcode.execute import execute
 from gcode.expressions import evaluate, whole
@@ -83,6 +84,7 @@ class Run:
             if synch is not None:
                 answer = None if self.failed else (yield synch)
                 machine.answered(synch, answer or Answer())
+        flush(machine)
         emit.line = 0
         emit.text("ON_RESET()")
         if not self.failed:

@@ -34,7 +34,8 @@ def _nothing(_text: str) -> None:
 class Machine:
     """One run. ``finished`` is set by M2 and M30; ``synch`` by a step that has to wait for the machine.
 
-    ``contexts``: one for each call level; ``run_text`` executes a line of text as if it stood in the program.
+    ``contexts``: one for each call level; ``compensation``: while cutter compensation is on;
+    ``arc_forbidden``: the move after G40 must be straight; ``run_text`` executes a line of text as part of the program.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -47,6 +48,8 @@ class Machine:
         self.finished = False
         self.warnings: list[GcodeError] = []
         self.cycle = CycleMemory()
+        self.compensation: Any = None
+        self.arc_forbidden = False
         self.nurbs_points: list[tuple[float, float, float]] = []
         self.nurbs_order = 3
         self.contexts: list[Context] = [Context()]

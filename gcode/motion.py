@@ -6,6 +6,7 @@ import math
 
 from gcode.block import Block
 from gcode.codes import MODAL_0, g_name
+from gcode.compensation import active, straight_move
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.state import AXIS_INDEX, State
@@ -20,7 +21,7 @@ def find_end(machine: Machine, block: Block) -> list[float]:
     state = machine.state
     if block.g.get(MODAL_0) == 530:
         return _machine_end(machine, block)
-    end = list(state.position)
+    end = programmed_position(machine)
     words = block.words
     for letter, axis in AXIS_INDEX.items():
         value = words.get(letter)
@@ -30,6 +31,16 @@ def find_end(machine: Machine, block: Block) -> list[float]:
     if "@" in words or "^" in words:
         end[0], end[1] = _polar(state, words, end[0], end[1])
     return end
+
+
+def programmed_position(machine: Machine) -> list[float]:
+    """Where the programmed path is now: beside the tool under compensation, else where the tool is."""
+    position = list(machine.state.position)
+    compensation = machine.compensation
+    if compensation is not None and not compensation.first and compensation.programmed is not None:
+        for axis in compensation.queue.axes[:2]:
+            position[axis] = compensation.programmed[axis]
+    return position
 
 
 def _machine_end(machine: Machine, block: Block) -> list[float]:
@@ -96,7 +107,12 @@ def straight(machine: Machine, block: Block, motion: int) -> None:
     state.motion = motion
     end = find_end(machine, block)
     if motion == 10 and state.feed_mode == INVERSE_TIME:
-        set_inverse_time(machine, block, straight_length(state.position, end))
+        set_inverse_time(machine, block, straight_length(programmed_position(machine), end))
+    machine.arc_forbidden = False
+    compensation = active(machine)
+    if compensation is not None:
+        straight_move(machine, block, compensation, motion, end)
+        return
     if motion == 0:
         emit.rapid(end)
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gcode.block import Block
 from gcode.canon import End, Stop
 from gcode.codes import STOPPING
+from gcode.compensation import flush
 from gcode.machine import Machine
 from gcode.offsets import emit_origin, emit_rotation
 
@@ -13,6 +14,7 @@ def stop(machine: Machine, block: Block) -> None:
     """M0, M1, M60, M2, M30, and M99 of a main program."""
     code = block.m[STOPPING]
     emit = machine.emit
+    flush(machine)
     if code == 60:
         emit.text("PALLET_SHUTTLE()")
     if code in {0, 1, 60}:
@@ -43,6 +45,7 @@ def end_program(machine: Machine, *, shuttle: bool) -> None:
         state.feed_override = True
         emit.text("ENABLE_FEED_OVERRIDE()")
     state.compensation = 400
+    machine.compensation = None
     state.spindle_direction = 0
     emit.spindle("STOP_SPINDLE_TURNING(0)")
     state.speed_override = True

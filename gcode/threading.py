@@ -53,7 +53,7 @@ class Thread:
 
 
 def threading_cycle(machine: Machine, block: Block) -> None:
-    """G76: P pitch, Z end, I peak, J first and K full depth, R degression, Q angle, H springs, E taper, L which ends."""
+    """G76: P pitch, Z end, I peak, J first and K full depth, R degression, Q angle, H springs, E taper, L ends."""
     words, state = block.words, machine.state
     _needs_spindle(machine, "G76")
     refuse_under_compensation(machine, "G76", "motion")
