@@ -26,6 +26,7 @@ from nmc.chips.common import (
     SET_BAUD,
     SILENT_WAIT_NS,
     STATUS_COMM_ERROR,
+    STOP_MOTOR,
     true_baud,
 )
 from nmc.errors import LinkTimeout, LocalFault, RemoteFault
@@ -94,6 +95,8 @@ class Bus:
         replier = guard.replier(exchange.address)
         command, data = exchange.command, exchange.data
         if replier is not None:
+            if command == STOP_MOTOR and replier.mask is None:
+                return self._stop_blindly(exchange)
             extra_bytes: int | None = replier.reply_extra(command, data)
         elif guard.members(exchange.address):
             extra_bytes = None
@@ -181,6 +184,20 @@ class Bus:
         self.counters.bytes_out += len(packet)
         link.sleep_until(sent_ns + len(packet) * self._byte_ns + self.host_latency_ns + SILENT_WAIT_NS)
         self.guard.settle(exchange, None, None, b"")
+        return Evidence(exchange, sent_ns, link.now_ns(), None)
+
+    def _stop_blindly(self, exchange: Exchange) -> Evidence:
+        """A stop is never held back: with the length of the answer unknown it is sent and its answer dropped."""
+        link = self.link
+        sent_ns = link.now_ns()
+        packet = pack(exchange.address, exchange.command, exchange.data)
+        link.write(packet)
+        self.counters.packets += 1
+        self.counters.bytes_out += len(packet)
+        quiet_ns = (len(packet) + PACKET_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS
+        link.sleep_until(sent_ns + quiet_ns + self.host_latency_ns + self.grace_ns)
+        link.flush_input()
+        self.guard.lost(exchange)
         return Evidence(exchange, sent_ns, link.now_ns(), None)
 
     def resync(self, nulls: int = RESYNC_NULLS) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from nmc.bus import Bus
 from nmc.chips import picservo, picstep
-from nmc.chips.common import NOP, STOP_MOTOR
+from nmc.chips.common import DEFINE_STATUS, NOP, STOP_MOTOR
 from nmc.errors import NmcError, RemoteFault
 from nmc.modes import Tracker
 from nmc.program import Evidence, Exchange, ExchangeSource
@@ -43,8 +43,9 @@ def stop_all(
     """Stop every motor of the bus abruptly: both groups first, then each address until it has said that it stands.
 
     A PIC-STEP stands when its moving bit is clear. A PIC-SERVO's move_done is set at constant velocity as well, so it
-    stands when it has answered a Stop Motor of its own. Lost answers are asked for again. ``amplifier``: level of
-    AMP_EN afterwards. Returns the number of rounds; raises RemoteFault naming the modules that could not be stopped.
+    stands when it has answered a Stop Motor of its own. Lost answers are asked for again; a module whose answers have
+    an unexpected length is told again what its status packets are to carry. ``amplifier``: level of AMP_EN afterwards.
+    Returns the number of rounds; raises RemoteFault naming the modules that could not be stopped.
     """
     stop = bytes([picstep.STOP_ABRUPTLY | (picstep.STOP_AMP_ENABLE if amplifier else 0)])
     for group in groups:
@@ -64,7 +65,9 @@ def _has_motor(module: Tracker) -> bool:
 
 def _stands(bus: Bus, module: Tracker, stop: bytes) -> bool:
     stopped = _try(bus, Exchange(module.address, STOP_MOTOR, stop))
-    if stopped is None:
+    if stopped is None or stopped.status is None:
+        # Noise that looked like a Define Status may have changed the length of its answers.
+        _try(bus, Exchange(module.address, DEFINE_STATUS, bytes([module.mask or 0])))
         return False
     if module.facts.name != picstep.FACTS.name:
         return True
