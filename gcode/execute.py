@@ -26,6 +26,7 @@ from gcode.codes import (
     IJK_DISTANCE,
     IO,
     LATHE_DIAMETER,
+    LATHE_PROFILES,
     MODAL_0,
     MOTION,
     OVERRIDE,
@@ -43,6 +44,7 @@ from gcode.codes import (
 from gcode.compensation import set_compensation
 from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
+from gcode.lathecycles import lathe_cycle
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
 from gcode.probing import probe
@@ -120,6 +122,7 @@ MOTIONS: dict[int, Callable[[Machine, Block, int], None]] = {
     760: lambda machine, block, _motion: threading_cycle(machine, block),
     NO_MOTION: motion_off,
     **dict.fromkeys(CYCLES, canned_cycle),
+    **dict.fromkeys(LATHE_PROFILES, lathe_cycle),
 }
 
 

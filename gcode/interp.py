@@ -62,6 +62,7 @@ class Run:
         self._uncertain: set[int] = set()
         self._steps = 0
         self.machine.run_text = self._run_text
+        self.machine.profile = self._profile
         self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
         install(self.machine, lambda: float(self.flow.index), lambda: float(len(self.flow.calls)))
 
@@ -196,6 +197,27 @@ class Run:
     def _run_text(self, text: str) -> None:
         block = resolve(scan_line(text, self.machine.emit.line), self.machine.parameters)
         execute(self.machine, block)
+
+    def _profile(self, name: str) -> Iterator[Block]:
+        """The blocks of subprogram ``name``: its flow and assignments are executed, its motion is not."""
+        flow = self.flow
+        depth = len(flow.calls)
+        flow.enter(name, "call", [])
+        while len(flow.calls) > depth:
+            program, index = flow.program, flow.index
+            if index >= program.stop:
+                flow.leave(None)
+                continue
+            flow.index = index + 1
+            line = program.line(index)
+            if line is None:
+                continue
+            if line.statement is not None:
+                flow.statement(line.statement)
+                continue
+            block = resolve(line, self.machine.parameters)
+            self._assign(line)
+            yield block
 
     def _end_of_file(self, program: Program) -> bool:
         """Past the last line: returns from a file that was called, or ends the program. False: nothing follows."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from gcode.block import Block
 from gcode.dialects import DIALECTS
 from gcode.emit import Emitter
 from gcode.errors import GcodeError
@@ -31,11 +32,17 @@ def _nothing(_text: str) -> None:
     """Before a run there is nothing to execute text with."""
 
 
+def _no_lines(_name: str) -> Iterator[Block]:
+    """Before a run there are no subprograms."""
+    return iter(())
+
+
 class Machine:
     """One run. ``finished`` is set by M2 and M30; ``synch`` by a step that has to wait for the machine.
 
     ``contexts``: one for each call level; ``compensation``: while cutter compensation is on;
-    ``arc_forbidden``: the move after G40 must be straight; ``run_text`` executes a line of text as part of the program.
+    ``arc_forbidden``: the move after G40 must be straight; ``run_text`` executes a line of text as part of the program;
+    ``profile`` gives the blocks of a subprogram without executing their motion.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -55,6 +62,7 @@ class Machine:
         self.contexts: list[Context] = [Context()]
         self.synch: Synch | None = None
         self.run_text: Callable[[str], None] = _nothing
+        self.profile: Callable[[str], Iterator[Block]] = _no_lines
         self._begin()
         self.emit = Emitter(self.state)
 
