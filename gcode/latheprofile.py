@@ -240,6 +240,8 @@ def _line_and_arc(first: Segment, second: Segment) -> complex:
     center = (round_.center - line.end) * turn
     half = max(abs(center - on_arc) ** 2 - center.imag**2, 0.0) ** 0.5
     meets = [(center.real + sign * half) / turn + line.end for sign in (1.0, -1.0)]
+    near: complex
+    far: complex
     near, far = meets
     return near if abs(second.start - near) < abs(second.start - far) else far
 

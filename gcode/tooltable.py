@@ -122,7 +122,7 @@ def read_parameters(text: str, file: str = "<parameters>") -> tuple[dict[int, fl
 
 
 def write_parameters(values: Mapping[int, float]) -> str:
-    """A parameter file: the offsets and stored positions, and every other parameter that is not zero and not volatile."""
+    """A parameter file: offsets, stored positions, and every other parameter that is not zero and not volatile."""
     kept = {index for base in range(5220, 5400, 20) for index in range(base + 1, base + 11)}
     kept |= {*range(5161, 5170), *range(5181, 5190), *range(5210, 5221)}
     volatile = {*range(1, 31), *range(5021, 5030), *range(5061, 5071), 5399, *range(5400, 5429), 5599, 5600, 5601}
