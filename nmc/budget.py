@@ -62,6 +62,11 @@ class BusTiming:
         """Longest time from handing over the first byte to having the whole reply."""
         return self.command_ns(data_bytes) + self.jitter_max_ns + self.reply_delay_max_ns + self.reply_ns(extra_bytes)
 
+    def mean_exchange_ns(self, data_bytes: int, extra_bytes: int = 0) -> int:
+        """Like ``worst_ns`` with jitter and reply delay at half of their greatest values."""
+        waits = self.jitter_max_ns + self.reply_delay_max_ns
+        return self.command_ns(data_bytes) + waits // 2 + self.reply_ns(extra_bytes)
+
     def execution_window_ns(
         self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int = 0
     ) -> tuple[int, int]:

@@ -33,10 +33,11 @@ def intervals_of(polygon: Polygon, rules: PathRules) -> tuple[Intervals, Index]:
     count = has_line + cuts[1:]
     first = np.cumsum(count) - count
     n = int(count.sum())
+    bound = np.full(n, np.inf) if rules.tau_s > 0 else None
     a = edge.shape[1]
     out = Intervals(
         np.empty(n), np.empty((n, a)), np.empty((n, a)), np.empty((n, a)), np.empty(n),
-        np.empty(n, dtype=np.int32), np.zeros(n + 1, dtype=np.bool_),
+        np.empty(n, dtype=np.int32), np.zeros(n + 1, dtype=np.bool_), bound,
     )  # fmt: skip
     at = first[has_line]
     out.length[at] = straight[has_line]
@@ -78,12 +79,13 @@ def _corners(out: Intervals, polygon: Polygon, corners: Index, first: Index, tan
     t0, t1 = tangent[corners - 1], tangent[corners]
     begin = polygon.vertex[corners] - t0 * leg[:, None]
     bend = (t1 - t0) / (2 * leg)[:, None]
-    feed0 = np.minimum(polygon.feed_mm_s[corners - 1], polygon.cap_mm_s[corners])
-    feed1 = np.minimum(polygon.feed_mm_s[corners], polygon.cap_mm_s[corners])
+    feed0, feed1 = polygon.feed_mm_s[corners - 1], polygon.feed_mm_s[corners]
     for k in range(cut):
         at = first + k
         z0, z1 = 2 * leg * k / cut, 2 * leg * (k + 1) / cut
         out.length[at] = z1 - z0
+        if out.bound_mm_s is not None:
+            out.bound_mm_s[at] = polygon.cap_mm_s[corners]
         out.start[at] = begin + (t0 + bend * (z0 / 2)[:, None]) * z0[:, None]
         out.tangent_in[at] = t0 + bend * z0[:, None] if k else t0
         out.tangent_out[at] = t0 + bend * z1[:, None] if k + 1 < cut else t1

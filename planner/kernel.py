@@ -197,3 +197,32 @@ def fill_pieces(
                 m += 1
             at += part_length[k]
     return duration[:m].copy(), interval[:m].copy(), offset[:m].copy(), speed[:m].copy(), accel[:m].copy()
+
+
+@njit(cache=True)
+def slowest(
+    length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, stop: Flags, first: int, x_start: float, x: F8
+) -> tuple[int, float]:
+    """Brake as hard as the axes allow from node ``first`` at ``x_start``; fills x f8[N + 1] from there up to the rest.
+
+    Returns the interval of the rest and its distance from the interval's start. The start must be inside the
+    controllable set (it is, on any plan), so a stop of the path is never overrun.
+    """
+    n, axes = tangent_in.shape
+    x[first] = x_start
+    for i in range(first, n):
+        t0, t1, d2 = tangent_in[i], tangent_out[i], 2.0 * length[i]
+        if x[i] <= 0.0:
+            return i, 0.0
+        if _is_straight(t0, t1, axes):
+            u = -_straight_bound(t0, acceleration, axes)
+        else:
+            u, _, _, _ = _bounds(t0, t1, acceleration, length[i], x[i], axes)
+        x[i + 1] = x[i] + d2 * u
+        if x[i + 1] <= 0.0:
+            x[i + 1] = 0.0
+            return i, min(-x[i] / (2.0 * u), length[i])
+        if stop[i + 1]:
+            x[i + 1] = 0.0
+            return i, length[i]
+    return n - 1, length[n - 1]

@@ -84,7 +84,8 @@ def plan(
     kinematics: joints with limits of their own. filter_s: width of the jerk filter, None: from ``limits.jerk``.
     Raises PlanError with the program's line.
     """
-    from planner.stages import chunks, join_intervals
+    from planner.paths import join_intervals
+    from planner.stages import chunks
 
     setting = setting_of(limits, start, kinematics, filter_s)
     parts, marks, deviation, count = [], [], Deviation(), 0

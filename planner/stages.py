@@ -25,7 +25,8 @@ from planner.intervals import intervals_of
 from planner.moves import Mark, Moves, join, no_moves
 from planner.polygon import PathRules, polygon_of
 from planner.reader import MoveReader
-from planner.timing import NodeMark, Timed
+from planner.timing import NodeMark, Timed, speed_cap
+from planner.paths import cut, join_intervals, resting
 from planner.types import F8, Intervals
 
 HELD, CONTEXT = 4, 2
@@ -77,37 +78,6 @@ class PathStage:
         return Chunk(cut(intervals, first, end), placed, deviation_of(polygon, vertices))
 
 
-def resting(q: F8) -> Intervals:
-    """The path of a program without motion: no intervals (an array of none still knows where it is)."""
-    a = len(q)
-    none = np.zeros((0, a))
-    return Intervals(np.zeros(0), none, none, none, np.zeros(0), np.zeros(0, np.int32), np.ones(1, dtype=np.bool_))
-
-
-def cut(p: Intervals, first: int, end: int) -> Intervals:
-    """Intervals first .. end - 1, as views."""
-    s = slice(first, end)
-    return Intervals(
-        p.length[s], p.start[s], p.tangent_in[s], p.tangent_out[s], p.feed_mm_s[s], p.line[s], p.stop[first : end + 1]
-    )
-
-
-def join_intervals(parts: list[Intervals]) -> Intervals:
-    """One path of consecutive parts; at a joint the later part knows whether the node is a stop."""
-    if len(parts) == 1:
-        return parts[0]
-    stop = np.concatenate([*(p.stop[:-1] for p in parts), parts[-1].stop[-1:]])
-    return Intervals(
-        np.concatenate([p.length for p in parts]),
-        np.concatenate([p.start for p in parts]),
-        np.concatenate([p.tangent_in for p in parts]),
-        np.concatenate([p.tangent_out for p in parts]),
-        np.concatenate([p.feed_mm_s for p in parts]),
-        np.concatenate([p.line for p in parts]),
-        stop,
-    )
-
-
 class TimingStage:
     """Chunks of intervals in, committed windows out; ``x`` carries over from window to window."""
 
@@ -150,7 +120,8 @@ class TimingStage:
             return x, cap, 0
         c = self._constraints
         tangents = c.tangents(p)
-        kernel.node_caps(p.length, *tangents, p.feed_mm_s, p.stop, c.velocity, c.acceleration, cap, node_cap)
+        speed = speed_cap(p, tangents, c.velocity)
+        kernel.node_caps(p.length, *tangents, speed, p.stop, c.velocity, c.acceleration, cap, node_cap)
         kernel.backward(p.length, *tangents, c.acceleration, node_cap, 0.0, safe)
         commit = n
         if not last and node_cap[n] > 0:

@@ -17,11 +17,18 @@ from nmc.program import Evidence, Exchange
 from planner.motors import StepMotor
 from planner.quantize import NS_PER_S
 from planner.steptrain import StepTrain
+from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
-from planner.stream_group import GroupStream
+from planner.stream_base import StepSchedule
+from planner.stream_group import GroupSchedule
 from planner.types import Trajectory
 
-Profile = Literal["auto", "group"]
+Profile = Literal["auto", "group", "adaptive"]
+SCHEDULES: dict[str, type[StepSchedule]] = {
+    "auto": GroupSchedule,
+    "group": GroupSchedule,
+    "adaptive": AdaptiveSchedule,
+}
 LEAD_IN_NS = 50_000_000
 """Time between the first exchange and t = 0 of the plan: room to load every axis before the first Start."""
 
@@ -48,11 +55,18 @@ class StreamCounts:
 class StepSource:
     """An ``nmc.program.ExchangeSource`` for the PIC-STEPs of one bus."""
 
-    def __init__(self, trajectory: Trajectory, motors: Sequence[StepMotor], timing: BusTiming, start_ns: int) -> None:
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        motors: Sequence[StepMotor],
+        timing: BusTiming,
+        start_ns: int,
+        schedule: type[StepSchedule],
+    ) -> None:
         self.trajectory = trajectory
         self.plan_start_ns = start_ns
         axes = [StepAxis(StepTrain(trajectory, motor), timing, start_ns) for motor in motors]
-        self._stream = GroupStream(axes, timing, motors[0].bus)
+        self._stream = schedule(axes, timing, motors[0].bus)
         self._run = self._stream.run()
         self._now_ns = 0
         self._streaming_ns = 0
@@ -103,6 +117,6 @@ def make_source(
     """
     if len({motor.bus for motor in motors}) != 1:
         raise ValueError("a source drives the motors of one bus")
-    if profile not in ("auto", "group"):
+    if profile not in SCHEDULES:
         raise ValueError(f"profile {profile!r} is not offered for PIC-STEP axes")
-    return StepSource(trajectory, motors, timing, start_ns)
+    return StepSource(trajectory, motors, timing, start_ns, SCHEDULES[profile])

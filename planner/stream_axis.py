@@ -135,6 +135,24 @@ class StepAxis:
         steps = min(max((target_ns - next_ns) // max(wanted, 1), 1), left - 1)
         return abs(self.twin.nominal.period_ns - wanted) * steps / max(wanted, 1)
 
+    def urgency_steps(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> float:
+        """What a new count at ``execute_ns`` would mend, in steps; 0 while the next roll-over can wait for a later one.
+
+        A load that falls within ``unsure_ns`` of a roll-over acts either one period sooner or later: what that can
+        cost is subtracted, so such instants are avoided.
+        """
+        timer = self.twin.nominal
+        next_ns, left = timer.ahead(execute_ns)
+        if left <= 1 or next_ns - execute_ns > horizon_ns:
+            return 0.0
+        wanted = self._aim(execute_ns, execute_ns + horizon_ns)
+        steps = min(max((execute_ns + horizon_ns - next_ns) // max(wanted, 1), 1), left - 1)
+        error = abs(timer.period_ns - wanted) * steps / max(wanted, 1)
+        since_ns = timer.period_ns - (next_ns - execute_ns)
+        if timer.period_ns > 2 * unsure_ns and min(since_ns, next_ns - execute_ns) < unsure_ns:
+            error -= abs(1.0 - timer.period_ns / max(wanted, 1))
+        return error
+
     @property
     def slow(self) -> bool:
         """Its steps are further apart than a few loads: it is led better alone than by the group's slices."""

@@ -67,18 +67,39 @@ def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tu
     from planner import kernel
 
     chosen = solver
+    tangents = constraints.tangents(p)
     if solver == "auto":
         chosen = "toppra" if len(p) <= TOPPRA_INTERVALS and _has_toppra() else "kernel"
-    tangents = constraints.tangents(p)
     v, a = constraints.velocity, constraints.acceleration
+    speed = speed_cap(p, tangents, v)
     if chosen == "kernel":
-        x, cap = kernel.solve(p.length, *tangents, p.feed_mm_s, p.stop, v, a)
+        x, cap = kernel.solve(p.length, *tangents, speed, p.stop, v, a)
         return x, cap, "kernel"
     from planner import reference
 
     cap, node_cap = np.empty(len(p)), np.empty(len(p) + 1)
-    kernel.node_caps(p.length, *tangents, p.feed_mm_s, p.stop, v, a, cap, node_cap)
+    kernel.node_caps(p.length, *tangents, speed, p.stop, v, a, cap, node_cap)
     return reference.solve(p, tangents, a, node_cap), cap, "toppra"
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """Overrides: feed 0..2 of programmed feeds, rapid 0..1 of rapids; 1 is the program."""
+
+    feed: float = 1.0
+    rapid: float = 1.0
+
+
+def speed_cap(p: Intervals, tangents: tuple[F8, F8], velocity: F8, rate: Rate | None = None) -> F8:
+    """Cap on s' f8[N] by feed and overrides, and by what no override raises; axis velocities come on top."""
+    speed = p.feed_mm_s
+    if rate is not None and rate != Rate():
+        rapid = np.isinf(speed)
+        speed = speed * rate.feed
+        if rate.rapid < 1 and rapid.any():
+            most = np.maximum(np.abs(tangents[0][rapid]), np.abs(tangents[1][rapid]))
+            speed[rapid] = rate.rapid * (velocity / np.maximum(most, 1e-12)).min(axis=1)
+    return speed if p.bound_mm_s is None else np.minimum(speed, p.bound_mm_s)
 
 
 def _has_toppra() -> bool:

@@ -23,19 +23,21 @@ WALK_FROM = 20_000
 class PathTrajectory:
     """Piecewise-quadratic s(t) over interval arrays; implements ``planner.types.Trajectory``.
 
-    axes: names, A. intervals: N >= 1. pieces: M >= 1. events: ascending in time. begin_s: f8[M], derived.
+    axes: names, A. intervals: N >= 1. pieces: M >= 1. events: ascending in time. origin_s: time of the first piece, 0
+    but for a trajectory whose past was forgotten. begin_s: f8[M], derived.
     """
 
     axes: tuple[str, ...]
     intervals: Intervals
     pieces: Pieces
     events: Sequence[Event] = ()
+    origin_s: float = 0.0
     begin_s: F8 = field(init=False)
     duration_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        end = np.cumsum(self.pieces.duration_s)
-        object.__setattr__(self, "begin_s", np.concatenate([[0.0], end[:-1]]))
+        end = self.origin_s + np.cumsum(self.pieces.duration_s)
+        object.__setattr__(self, "begin_s", np.concatenate([[self.origin_s], end[:-1]]))
         object.__setattr__(self, "duration_s", float(end[-1]))
 
     def q(self, t_s: F8) -> F8:
@@ -113,7 +115,12 @@ def _times(t_s: F8) -> F8:
 
 
 def path_trajectory(
-    axes: tuple[str, ...], intervals: Intervals, pieces: Pieces, events: Sequence[Event], start: F8
+    axes: tuple[str, ...],
+    intervals: Intervals,
+    pieces: Pieces,
+    events: Sequence[Event],
+    start: F8,
+    origin_s: float = 0.0,
 ) -> PathTrajectory:
     """A trajectory even of a program that never moves: then one interval of no length stands at ``start``."""
     if not len(intervals):
@@ -123,4 +130,4 @@ def path_trajectory(
     if not len(pieces):
         zero = np.zeros(1)
         pieces = Pieces(zero, np.zeros(1, np.int32), zero, zero, zero)
-    return PathTrajectory(axes, intervals, pieces, tuple(events))
+    return PathTrajectory(axes, intervals, pieces, tuple(events), origin_s)

@@ -41,8 +41,9 @@ class Intervals:
     """The interval arrays: the interface that every timing solver shares.
 
     length: f8[N], > 0, mm of path. start: f8[N, A], q at the interval's start. tangent_in, tangent_out: f8[N, A], q'
-    just inside its two ends (equal on a line). feed_mm_s: f8[N], cap on s' (inf: none). line: i4[N].
-    stop: bool[N + 1], nodes at which s' must be zero; the first and the last are always True.
+    just inside its two ends (equal on a line). feed_mm_s: f8[N], cap on s' (inf: none). line: i4[N]. stop: bool[N +
+    1], nodes at which s' must be zero; the first and the last are always True. bound_mm_s: f8[N] or None, cap on s'
+    that no override raises (the jerk filter's share of the tolerance).
     """
 
     length: F8
@@ -52,6 +53,7 @@ class Intervals:
     feed_mm_s: F8
     line: I4
     stop: npt.NDArray[np.bool_]
+    bound_mm_s: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.length)
