@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 
 if TYPE_CHECKING:
-    from gcode.canon import Position
     from gcode.errors import Diagnostic
+    from gcode.inifile import Ini
     from gcode.setup import Setup
+    from groupstart.programoptions import ProgramChoices
     from machines.job import Job
     from machines.load import MachineFile
 
-
-@dataclass(frozen=True, slots=True)
-class ProgramChoices:
-    """Options of the verbs that read a program."""
-
-    work_offset: Position | None = None
-    dialect: str = "linuxcnc"
-    machine_units: Literal["mm", "inch"] = "mm"
-
-    @classmethod
-    def of(
-        cls, work_offset: tuple[float, ...] | None, dialect: str, machine_units: Literal["mm", "inch"] = "mm"
-    ) -> ProgramChoices:
-        """From the values of the command line."""
-        offset = None
-        if work_offset is not None:
-            x, y, z, a, b, c, u, v, w = work_offset
-            offset = (x, y, z, a, b, c, u, v, w)
-        return cls(offset, "linuxcnc" if dialect == "auto" else dialect, machine_units)
+Table = TypeVar("Table")
 
 
 def read_program(path: str) -> str:
@@ -69,15 +51,55 @@ def open_machine(name_or_path: str) -> MachineFile:
 
 
 def program_setup(file: str, choices: ProgramChoices) -> Setup:
-    """What the interpreter is told beside the program itself."""
-    from gcode.setup import Setup
+    """What the interpreter is told beside the program itself; opens the files that the options name.
 
+    Raises VerbError: 2 for a file that cannot be read, 1 for one that says what it must not.
+    """
+    from gcode.setup import Setup
+    from gcode.tooltable import read_parameters, read_tool_table
+
+    parameter_file, include, values = choices.parameters, choices.include, None
+    if choices.ini is not None:
+        ini = _read_ini(choices.ini)
+        values = ini.values
+        include += ini.subroutine_path
+        # LinuxCNC makes the file when it first saves parameters: until then it is not there, and that is no mistake
+        if parameter_file is None and ini.parameter_file is not None and ini.parameter_file.exists():
+            parameter_file = str(ini.parameter_file)
+    tools = None if choices.tool_table is None else _table(choices.tool_table, read_tool_table)
+    parameters = {} if parameter_file is None else _table(parameter_file, read_parameters)
     return Setup(
+        tools=tools,
+        parameters=parameters,
         work_offset=choices.work_offset,
-        dialect=choices.dialect,
+        dialect="linuxcnc" if choices.dialect == "auto" else choices.dialect,
         machine_units=choices.machine_units,
         file=file,
+        include=(*include, str(Path(file).parent)),
+        ini=values,
     )
+
+
+def _table(path: str, reader: Callable[[str, str], tuple[Table, list[Diagnostic]]]) -> Table:
+    """Contents of a tool table or parameter file."""
+    text = read_program(path)
+    contents, found = reader(text, path)
+    if found:
+        raise VerbError("\n".join(diagnostic_texts(found, text)), EXIT_REFUSED)
+    return contents
+
+
+def _read_ini(path: str) -> Ini:
+    from configparser import Error
+
+    from gcode.inifile import read_ini
+
+    try:
+        return read_ini(Path(path))
+    except OSError as error:
+        raise VerbError(f"{path}: {error.strerror or error}", EXIT_FAULT) from None
+    except Error as error:
+        raise VerbError(f"{path}: not an ini file: {error.message}", EXIT_REFUSED) from None
 
 
 def refuse_if_bad(job: Job, as_json: bool = False) -> None:

@@ -11,7 +11,6 @@ import click
 F = TypeVar("F", bound=Callable[..., Any])
 
 DEFAULT_MACHINE = "mill3-step"
-DIALECTS = ("auto", "linuxcnc")
 SOLVERS = ("auto", "toppra", "kernel")
 PROFILES = ("auto", "group", "adaptive", "exact", "stop-here", "smooth")
 
@@ -51,19 +50,6 @@ def machine_option(function: F) -> F:
         show_default=True,
         metavar="NAME|PATH",
         help="Machine: a shipped name or a machine file.",
-    )(function)
-
-
-def work_offset_option(function: F) -> F:
-    """``--work-offset``: where the program's zero lies in machine coordinates."""
-    return click.option("--work-offset", type=Offset(), help="The program's zero (G54) in machine mm.")(function)
-
-
-def program_options(function: F) -> F:
-    """Options of the verbs that read a program for a machine."""
-    function = work_offset_option(function)
-    return click.option(
-        "--dialect", type=click.Choice(DIALECTS), default="auto", show_default=True, help="How the program is read."
     )(function)
 
 

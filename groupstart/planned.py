@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
-from groupstart.inputs import ProgramChoices, diagnostic_texts, program_setup, refuse_if_bad
+from groupstart.inputs import diagnostic_texts, program_setup, refuse_if_bad
 
 if TYPE_CHECKING:
+    from groupstart.programoptions import ProgramChoices
     from machines.job import Job
     from machines.load import MachineFile
     from planner.plan import Plan

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
-from groupstart.inputs import ProgramChoices, counted, diagnostic_texts, program_setup, read_program
-from groupstart.options import file_argument, program_options
+from groupstart.inputs import counted, diagnostic_texts, program_setup, read_program
+from groupstart.options import file_argument
+from groupstart.programoptions import ProgramChoices, program_options
 
 
 @click.command(name="canon")
 @file_argument
 @program_options
-@click.option("--machine-units", type=click.Choice(["mm", "inch"]), default="mm", show_default=True)
 @click.option("--digits", type=click.IntRange(0, 12), default=4, show_default=True, help="Decimals of positions.")
 @click.option("-o", "--output", type=click.Path(), help="File to write instead of stdout.")
 def command(
     file: str,
-    work_offset: tuple[float, ...] | None,
-    dialect: str,
-    machine_units: Literal["mm", "inch"],
+    choices: ProgramChoices,
     digits: int,
     output: str | None,
 ) -> None:
@@ -30,7 +26,6 @@ def command(
     from gcode.interp import interpret
 
     text = read_program(file)
-    choices = ProgramChoices.of(work_offset, dialect, machine_units)
     result = interpret(text, program_setup(file, choices))
     with click.open_file(output or "-", "w", encoding="utf-8") as stream:
         for line in canon_lines(result.commands, digits):

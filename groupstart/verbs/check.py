@@ -6,14 +6,14 @@ import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
 from groupstart.inputs import (
-    ProgramChoices,
     counted,
     diagnostic_texts,
     open_machine,
     program_setup,
     read_program,
 )
-from groupstart.options import file_argument, program_options
+from groupstart.options import file_argument
+from groupstart.programoptions import ProgramChoices, program_options
 
 
 @click.command(name="check")
@@ -21,13 +21,13 @@ from groupstart.options import file_argument, program_options
 @click.option("-m", "--machine", metavar="NAME|PATH", help="Hold the program against this machine's axes and travel.")
 @program_options
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each diagnostic.")
-def command(file: str, machine: str | None, work_offset: tuple[float, ...] | None, dialect: str, as_json: bool) -> None:
+def command(file: str, machine: str | None, choices: ProgramChoices, as_json: bool) -> None:
     """Parse and interpret FILE; print every error with line, column, caret and a hint.
 
     Exit status 1 if there are errors; warnings alone leave it at 0.
     """
     text = read_program(file)
-    setup = program_setup(file, ProgramChoices.of(work_offset, dialect))
+    setup = program_setup(file, choices)
     if machine is None:
         from gcode.interp import interpret
 

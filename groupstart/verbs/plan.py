@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import click
 
-from groupstart.inputs import ProgramChoices, open_machine, read_program
-from groupstart.options import file_argument, machine_option, program_options, solver_option
+from groupstart.inputs import open_machine, read_program
+from groupstart.options import file_argument, machine_option, solver_option
 from groupstart.planned import checked_job, planned, print_report
+from groupstart.programoptions import ProgramChoices, program_options
 
 
 @click.command(name="plan")
@@ -19,8 +20,7 @@ from groupstart.planned import checked_job, planned, print_report
 def command(
     file: str,
     machine: str,
-    work_offset: tuple[float, ...] | None,
-    dialect: str,
+    choices: ProgramChoices,
     solver: str,
     output: str | None,
     as_json: bool,
@@ -31,7 +31,7 @@ def command(
     """
     text = read_program(file)
     described = open_machine(machine)
-    job = checked_job(file, text, ProgramChoices.of(work_offset, dialect), described)
+    job = checked_job(file, text, choices, described)
     result = planned(job, described, solver)
     if output is not None:
         result.save(output)

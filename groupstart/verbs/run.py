@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
-from groupstart.inputs import ProgramChoices, open_machine, read_program
-from groupstart.options import machine_option, program_options, solver_option, stream_options
+from groupstart.inputs import open_machine, read_program
+from groupstart.options import machine_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned
+from groupstart.programoptions import ProgramChoices, program_options
 
 if TYPE_CHECKING:
     from machines.job import Job
@@ -37,8 +38,7 @@ EXAMPLE = "compass.nc"
 def command(
     file: str | None,
     machine: str,
-    work_offset: tuple[float, ...] | None,
-    dialect: str,
+    choices: ProgramChoices,
     solver: str,
     profile: str,
     seed: int | None,
@@ -57,7 +57,7 @@ def command(
     name = file or EXAMPLE
     text = read_program(file) if file is not None else example_text()
     described = open_machine(machine)
-    job = checked_job(name, text, ProgramChoices.of(work_offset, dialect), described)
+    job = checked_job(name, text, choices, described)
     plan = planned(job, described, solver)
     with RunFolder.create(Path(runs), name) as folder:
         folder.write("job.nc", text)

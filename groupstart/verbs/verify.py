@@ -7,9 +7,10 @@ import json
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
-from groupstart.inputs import ProgramChoices, open_machine, read_program
-from groupstart.options import file_argument, machine_option, program_options, solver_option, stream_options
+from groupstart.inputs import open_machine, read_program
+from groupstart.options import file_argument, machine_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned
+from groupstart.programoptions import ProgramChoices, program_options
 
 
 @click.command(name="verify")
@@ -23,8 +24,7 @@ from groupstart.planned import checked_job, planned
 def command(
     file: str,
     machine: str,
-    work_offset: tuple[float, ...] | None,
-    dialect: str,
+    choices: ProgramChoices,
     solver: str,
     profile: str,
     seed: int | None,
@@ -39,7 +39,7 @@ def command(
 
     text = read_program(file)
     described = open_machine(machine)
-    job = checked_job(file, text, ProgramChoices.of(work_offset, dialect), described)
+    job = checked_job(file, text, choices, described)
     plan = planned(job, described, solver)
     from groupstart.progress import RunProgress
     from groupstart.stopflag import StopFlag

@@ -81,6 +81,28 @@ def test_canon_to_a_file_with_more_digits(short: str, tmp_path: Path, cli: Cli) 
     assert "STRAIGHT_FEED(6.000000, 0.000000, 1.000000" in target.read_text()
 
 
+def test_tools_parameters_and_subprograms_come_from_files(tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / "tools.tbl").write_text("T3 P3 Z12.5 D6 ; a mill\n")
+    (tmp_path / "saved.var").write_text("5221 7.0\n5220 1\n")
+    (tmp_path / "subs").mkdir()
+    (tmp_path / "subs" / "hop.ngc").write_text("o<hop> sub\nG1 X[#1]\no<hop> endsub\nM2\n")
+    (tmp_path / "mill.ini").write_text("[RS274NGC]\nPARAMETER_FILE = saved.var\nSUBROUTINE_PATH = subs\n")
+    program = tmp_path / "part.nc"
+    program.write_text("G21 G90 F100\nT3 M6\nG43 H3\no<hop> call [5]\nM2\n")
+    tools = ("--tool-table", str(tmp_path / "tools.tbl"))
+    plan = tmp_path / "plan.npz"
+    answer = cli("plan", str(program), *tools, "--ini", str(tmp_path / "mill.ini"), "-o", str(plan))
+    assert answer.status == 0, answer.err
+    assert np.load(plan)["q"][-1] == pytest.approx([12, 0, 0])
+    separate = ("--parameters", str(tmp_path / "saved.var"), "--include", str(tmp_path / "subs"))
+    shown = cli("canon", str(program), *tools, *separate)
+    assert "USE_TOOL_LENGTH_OFFSET(0.0000 0.0000 12.5000" in shown.out
+    assert cli("check", str(program), *separate).status == 0
+    missing = cli("check", str(program), *tools)
+    assert missing.status == 1
+    assert ":4:" in missing.out
+
+
 def test_plan_writes_the_agreed_arrays_and_prints_the_report(short: str, tmp_path: Path, cli: Cli) -> None:
     target = tmp_path / "plan.npz"
     answer = cli("plan", short, "-m", "mill3-step", "-o", str(target), "--json")

@@ -132,6 +132,29 @@ def test_a_work_offset_that_is_none(offset: str, square: str, cli: Cli) -> None:
     assert "--work-offset" in answer.err
 
 
+@pytest.mark.parametrize(
+    ("option", "text", "status", "words"),
+    [
+        ("--tool-table", "T1 Q\n", 1, "error GC301"),
+        ("--tool-table", None, 2, "No such file"),
+        ("--parameters", "5221 x\n", 1, "error GC302"),
+        ("--parameters", None, 2, "No such file"),
+        ("--ini", "no section\n[", 1, "not an ini file"),
+        ("--ini", None, 2, "No such file"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["check", "canon", "run"])
+def test_a_file_beside_the_program_that_is_none(
+    verb: str, option: str, text: str | None, status: int, words: str, square: str, tmp_path: Path, cli: Cli
+) -> None:
+    path = tmp_path / "beside.txt"
+    if text is not None:
+        path.write_text(text)
+    answer = clean(cli(verb, square, option, str(path)))
+    assert answer.status == status
+    assert words in answer.err
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
 def test_a_folder_that_cannot_be_written(square: str, tmp_path: Path, cli: Cli) -> None:
     locked = tmp_path / "locked"
