@@ -64,6 +64,22 @@ class Arc(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class TiltedArc(Command):
+    """G2/G3 in G18 or G19 under a rotation of XY: its plane is no plane of the machine.
+
+    ``center``: a point of the plane, absolute machine mm. ``plane``: the programmed one, turned by ``rotation_deg``
+    about Z. Else as ``Arc``.
+    """
+
+    end: Position
+    center: Position
+    plane: Plane
+    rotation_deg: float
+    turns: int
+    feed_mm_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Nurbs(Command):
     """G5, G5.1, G5.2: a rational B-spline in the XY plane (other axes stand).
 

@@ -28,10 +28,12 @@ from gcode.canon import (
     SpindleSynch,
     Stop,
     Text,
+    TiltedArc,
     ToolChange,
 )
 from gcode.emit import PLANE_AXES
 from gcode.frame import Frame, FrameChange
+from gcode.state import position_of
 
 _PLANE_CODE = {"XY": 170, "ZX": 180, "YZ": 190}
 _SETTLE = 10
@@ -88,13 +90,15 @@ def _probe(printer: Printer, command: Command) -> list[str]:
 
 
 def _arc(printer: Printer, command: Command) -> list[str]:
-    assert isinstance(command, Arc)
+    assert isinstance(command, Arc | TiltedArc)
     first, second, third = PLANE_AXES[_PLANE_CODE[command.plane]]
     end = printer.position(command.end)
-    machine_center = list(command.end)
-    machine_center[first], machine_center[second] = command.center
-    x, y, z, a, b, c, u, v, w = machine_center
-    center = printer.position((x, y, z, a, b, c, u, v, w))
+    if isinstance(command, TiltedArc):
+        center = printer.position(command.center)
+    else:
+        machine_center = list(command.end)
+        machine_center[first], machine_center[second] = command.center
+        center = printer.position(position_of(machine_center))
     plane = printer.numbers((end[first], end[second], center[first], center[second]))
     rest = printer.numbers((end[third], *end[3:6]))
     return [f"ARC_FEED({plane}, {command.turns}, {rest})"]
@@ -180,6 +184,7 @@ _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     Feed: _straight("STRAIGHT_FEED"),
     Probe: _probe,
     Arc: _arc,
+    TiltedArc: _arc,
     RigidTap: _rigid_tap,
     Nurbs: _nurbs,
     SpindleSynch: _synch,

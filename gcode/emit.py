@@ -22,6 +22,7 @@ from gcode.canon import (
     Spindle,
     SpindleSynch,
     Text,
+    TiltedArc,
 )
 from gcode.frame import Frame, FrameChange
 from gcode.state import State, position_of
@@ -82,11 +83,15 @@ class Emitter:
         first, second, _ = PLANE_AXES[self.state.plane]
         target = self.frame.to_machine(position_of(end))
         middle = list(end)
+        tilted = self.frame.rotation_deg != 0.0 and self.state.plane != 170
         middle[first], middle[second] = center
         at = self.frame.to_machine(position_of(middle))
         plane = PLANE_NAMES[self.state.plane]
         feed = self.path_feed_mm_s() if feed_mm_s is None else feed_mm_s
-        self.command(Arc(self.line, target, (at[first], at[second]), plane, turns, feed))
+        if tilted:
+            self.command(TiltedArc(self.line, target, at, plane, self.frame.rotation_deg, turns, feed))
+        else:
+            self.command(Arc(self.line, target, (at[first], at[second]), plane, turns, feed))
         self.last = target
 
     def probe(self, end: list[float], *, away: bool, required: bool) -> None:

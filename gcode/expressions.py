@@ -4,7 +4,7 @@ A value is a float (known when the line is read) or a ``Node`` that gives its fl
 the moment. Constant parts are folded while reading, so ``[1/0]`` is refused without running the program.
 
 Precedence and rounding follow LinuxCNC: ``**`` before ``* / MOD`` before ``+ -`` before comparisons before
-``AND OR XOR``; equals from left to right; comparisons within 1e-6 are equal; angles in degrees.
+``AND OR XOR``; equals from left to right; EQ and NE allow 1e-4; angles in degrees.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Protocol, TypeAlias
 
 from gcode.errors import GcodeError
 
-TOLERANCE_EQUAL = 1e-6
+TOLERANCE_EQUAL = 1e-4
 Span = tuple[int, int]
 
 
@@ -202,8 +202,8 @@ OPERATORS: dict[str, Callable[[float, float], float]] = {
     "ne": lambda x, y: float(abs(x - y) >= TOLERANCE_EQUAL),
     "gt": lambda x, y: float(x > y),
     "lt": lambda x, y: float(x < y),
-    "ge": lambda x, y: float(abs(x - y) < TOLERANCE_EQUAL or x >= y),
-    "le": lambda x, y: float(abs(x - y) < TOLERANCE_EQUAL or x <= y),
+    "ge": lambda x, y: float(x >= y),
+    "le": lambda x, y: float(x <= y),
     "atan": lambda y, x: math.atan2(y, x) * 180.0 / math.pi,
 }
 PRECEDENCE = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gcode.arcs import arc
 from gcode.block import Block
 from gcode.codes import g_name
+from gcode.compensation import flush
 from gcode.errors import GcodeError
 from gcode.lathepath import Path
 from gcode.latheprofile import Segment, profile_error
@@ -87,6 +88,11 @@ def _cut(
         compensation = machine.compensation
 
         def switch(on: bool) -> None:
+            """Between passes compensation is off; each pass enters it anew."""
+            if not on:
+                flush(machine)
+                if compensation is not None:
+                    compensation.first = True
             machine.compensation = compensation if on else None
 
         allowance = (words.get("d", 0.0), words.get("e", 0.0))

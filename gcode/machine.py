@@ -113,7 +113,9 @@ class Machine:
     def answered(self, synch: Synch, answer: Answer) -> None:
         """Takes the machine's answer into position and parameters."""
         state, values, emit = self.state, self.parameters.values, self.emit
-        if answer.position is not None:
+        if answer.position is None and synch.kind == "tool" and self.arc_forbidden:
+            state.position = list(emit.frame.to_program(emit.last))
+        elif answer.position is not None:
             state.position = list(emit.frame.to_program(answer.position))
             emit.last = answer.position
         if synch.kind == "probe":
