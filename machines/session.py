@@ -14,17 +14,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, cast
 
 from machines import bringup
 from machines.bringup import Connection
 from machines.patience import PatientSource
+from machines.profiles import choose_profile
 from machines.schema import MachineConfig
 from machines.wiring import bus_timing, motor_tables, step_motors
 from nmc.errors import NmcError
 from nmc.executor import play
 from nmc.program import Evidence
-from planner.stream import LEAD_IN_NS, Progress, StepSource, make_source
+from planner.stream import LEAD_IN_NS, Profile, Progress, StepSource, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
@@ -191,9 +192,11 @@ class Session:
         motors = step_motors(self.config)
         simulated = self.connection.simulation is not None
         timing = bus_timing(self.config, motors[0].bus, simulated)
-        if profile not in ("auto", "group"):
-            raise ValueError(f"profile {profile} is not offered for PIC-STEP axes; give auto or group")
-        return make_source(trajectory, motors, timing=timing, start_ns=self.now_ns + LEAD_IN_NS, profile="group")
+        chosen = choose_profile(self.config, profile, simulated)
+        self.note("profile", self.now_ns, profile=chosen)
+        return make_source(
+            trajectory, motors, timing=timing, start_ns=self.now_ns + LEAD_IN_NS, profile=cast("Profile", chosen)
+        )
 
     def _stream(
         self, source: StepSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]

@@ -1,0 +1,24 @@
+"""Which profile feeds the chips: the one asked for, or what is known of them decides.
+
+``adaptive`` needs to know when a timer count that is loaded while the motor runs takes effect. On the twin ``[sim]``
+says it; on a port only what was measured on that module and written into its axis counts (``count_latch``).
+"""
+
+from __future__ import annotations
+
+from machines.schema import MachineConfig
+from machines.wiring import motor_tables
+from planner.stream import SCHEDULES
+
+
+def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> str:
+    """The profile to stream with. Raises ValueError for one that PIC-STEP axes do not offer."""
+    if wanted != "auto":
+        if wanted not in SCHEDULES:
+            offered = ", ".join(name for name in SCHEDULES)
+            raise ValueError(f"profile {wanted} is not offered for PIC-STEP axes; offered: {offered}")
+        return wanted
+    latches = (
+        {config.sim.count_latch} if simulated else {table.count_latch for _, table in motor_tables(config).values()}
+    )
+    return "adaptive" if latches == {"rollover"} else "group"
