@@ -23,10 +23,10 @@ from planner.deviation import Deviation, deviation_of
 from planner.fold import Folder
 from planner.intervals import intervals_of
 from planner.moves import Mark, Moves, join, no_moves
+from planner.paths import cut, join_intervals, resting
 from planner.polygon import PathRules, polygon_of
 from planner.reader import MoveReader
 from planner.timing import NodeMark, Timed, speed_cap
-from planner.paths import cut, join_intervals, resting
 from planner.types import F8, Intervals
 
 HELD, CONTEXT = 4, 2
