@@ -55,6 +55,12 @@ class Simulation:
         """All PIC-SERVO modules by name."""
         return {name: m for name, m in self.modules.items() if m.type_id == SERVO_TYPE}  # type: ignore[misc]
 
+    def power_cycle(self) -> None:
+        """Switch the power of all modules off and on; the mechanics stay where they are."""
+        for module in self.modules.values():
+            module.synchronise()
+            module.hard_reset()
+
     def another_master(self, bus: int) -> SimLink:
         """A second host port on the same wires, such as a watchdog's: it hears every reply and talks without jitter."""
         first = self.buses[bus]

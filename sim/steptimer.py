@@ -150,7 +150,7 @@ class StepTimer:
     def advance(self, tick: int) -> None:
         """Let everything up to and including ``tick`` happen."""
         while self.mode != Mode.STOPPED:
-            bound = tick if self.stage_end > tick else self.stage_end - 1
+            bound = min(tick, self.stage_end)
             if self.next_roll <= bound and self._pulses(bound):
                 continue
             if self.stage_end > tick:

@@ -205,7 +205,7 @@ def test_framing_error_is_like_a_wrong_checksum(chip):
     assert len(host.exchange(0, 0xE)) == 1
 
 
-@item("N-024")
+@item("N-024", "X-08")
 def test_pic_step_answers_within_half_a_millisecond():
     """ST 3.1: the first byte of a status packet is sent within 0.5 ms after the last byte of the command."""
     sim, host, _ = steppers()
@@ -219,7 +219,7 @@ def test_pic_step_answers_within_half_a_millisecond():
     assert 400_000 < max(delays) <= 500_001
 
 
-@item("N-025", "SV-003", "SV-008")
+@item("N-025", "SV-003", "SV-008", "X-08")
 def test_pic_servo_answers_at_the_end_of_its_cycle():
     """SV 3.1, 4.1: up to 0.51 ms between command and status packet, which starts at the end of a servo cycle."""
     sim, host, chips = servos()

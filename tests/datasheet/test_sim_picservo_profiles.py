@@ -220,7 +220,7 @@ def test_a_trapezoid_begins_at_zero_velocity():
     assert rules(sim) == ["SV-124"]
 
 
-@item("SV-110", "SV-111", "SV-112", "SV-113", "SV-114", "SV-119", "SV-120")
+@item("SV-110", "SV-111", "SV-112", "SV-113", "SV-114", "SV-119", "SV-120", "X-30")
 @pytest.mark.parametrize("bits", range(16))
 def test_load_length_follows_the_control_byte(bits):
     """SV 5.2: 1 + 4 position + 4 velocity + 4 acceleration + 1 PWM bytes; 0x94, 0x15 is position, acceleration."""

@@ -785,6 +785,7 @@ def test_power_sense_bit():
     "ST-212",
     "ST-213",
     "ST-214",
+    "X-13",
 )
 @pytest.mark.parametrize(
     ("pin", "bit"), [("estop", 0), ("in1", 1), ("in2", 2), ("limit1", 3), ("limit2", 4), ("home", 5)]

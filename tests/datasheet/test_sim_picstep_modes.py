@@ -107,7 +107,7 @@ def loads_that_ask_for(goal, start):
 @pytest.mark.parametrize(
     ("start", "goal", "loaded", "number"),
     [
-        pytest.param(start, goal, loaded, number, marks=item(number), id=f"{number}-{loaded:X}")
+        pytest.param(start, goal, loaded, number, marks=item(number, "X-60"), id=f"{number}-{loaded:X}")
         for number, goal, start, cell in CELLS
         if cell is NOT
         for loaded in loads_that_ask_for(goal, start)
