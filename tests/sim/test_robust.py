@@ -97,9 +97,9 @@ class AnyHost(RuleBasedStateMachine):
 
 def found(sim, host: RawHost):
     """Switch the power off and on, then enumerate."""
+    host.link.sleep_until(sim.buses[0].command.free_ns + 10_000_000)  # what the host had handed over still leaves
     sim.power_cycle()
     host.link.set_baud(19200)
-    host.link.sleep_until(sim.buses[0].command.free_ns + 1)  # what the host had handed over still leaves
     host.link.write(bytes(16))
     host.wait_ms(40)
     host.link.flush_input()
