@@ -39,6 +39,15 @@ def planned(job: Job, machine: MachineFile, solver: str) -> Plan:
         raise VerbError("\n".join(diagnostic_texts([found], job.text)), EXIT_REFUSED) from None
 
 
+def refuse_unstreamable(machine: MachineFile) -> None:
+    """Raise VerbError if programs cannot run on this machine yet."""
+    from machines.profiles import why_not_streamed
+
+    reason = why_not_streamed(machine.config)
+    if reason:
+        raise VerbError(f"{machine.config.machine.name}: {reason}", EXIT_REFUSED)
+
+
 def print_report(plan: Plan, as_json: bool) -> None:
     """The plan report on stdout."""
     if as_json:

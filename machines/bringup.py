@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from machines.schema import MachineConfig, StepMotorTable
-from machines.wiring import bus_specs, motor_tables, speed_mode
+from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
+from machines.wiring import bus_specs, motor_tables, servo_tables, speed_mode
 from nmc.bus import Bus
 from nmc.chips import picstep
-from nmc.chips.common import READ_STATUS
-from nmc.codec import decode_status, encode
 from nmc.executor import stop_all
 from nmc.link import Link
-from nmc.program import Exchange
+from nmc.picservo import Gains, PicServo
+from nmc.picstep import PicStep
 from nmc.recording_link import RecordingLink
 from nmc.setup import ModuleExpectation, ModuleInfo, start_up
 from sim.build import Simulation, build
@@ -90,12 +89,51 @@ def bring_up(connection: Connection) -> None:
     config = connection.config
     for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True):
         connection.modules[name] = start_up(bus, expectations(config, name), table.baud)
-    for axis, motor in motor_tables(config).values():
-        bus = bus_of(connection, motor)
-        _send(bus, motor.address, "set_parameters", _parameters(config, axis, motor))
-        _send(bus, motor.address, "stop_motor", {"amplifier_enable": 1, "stop_abruptly": 1})
-        _send(bus, motor.address, "reset_position", {})
-        bus.arm_faults(motor.address, low=picstep.STATUS_POWER)
+    for axis, step in motor_tables(config).values():
+        stepper = PicStep(bus_of(connection, step.bus), step.address)
+        _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x")
+    for _, servo in servo_tables(config).values():
+        _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo)
+
+
+def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
+    step = table.step
+    stepper.set_parameters(
+        mode,
+        minimum_speed=step.minimum_speed,
+        running_current=step.running_current,
+        holding_current=step.holding_current,
+        thermal_limit=step.thermal_limit,
+        disable_limit_stop=not step.limit_autostop,
+        disable_estop=not step.estop,
+        motor_off_on_stop=step.motor_off_on_stop,
+    )
+    stepper.stop_motor("abruptly")
+    stepper.reset_position()
+    stepper.bus.arm_faults(stepper.address, low=picstep.STATUS_POWER)
+
+
+def _ready_servo(servo: PicServo, table: ServoMotorTable) -> None:
+    """Gains first, then the position servo: with zero gains an amplifier that is on holds nothing."""
+    chosen = table.servo
+    servo.set_gain(
+        Gains(
+            position_gain=chosen.kp,
+            velocity_gain=chosen.kd,
+            integral_gain=chosen.ki,
+            integration_limit=chosen.integration_limit,
+            output_limit=chosen.output_limit,
+            current_limit=chosen.current_limit,
+            position_error_limit=chosen.position_error_limit,
+            servo_rate_divisor=chosen.servo_rate_divisor,
+            deadband=chosen.deadband,
+        )
+    )
+    servo.stop_motor("motor_off", amplifier=False)
+    servo.reset_position()
+    servo.stop_motor("abruptly")
+    servo.clear_sticky_bits()
+    servo.require_ready()
 
 
 def expectations(config: MachineConfig, bus: str) -> list[ModuleExpectation]:
@@ -108,15 +146,19 @@ def expectations(config: MachineConfig, bus: str) -> list[ModuleExpectation]:
     return [expectation for _, expectation in sorted(found.items())]
 
 
+def drivers(connection: Connection) -> dict[str, PicStep | PicServo]:
+    """Every motor's chip on its bus, by the motor's name."""
+    found: dict[str, PicStep | PicServo] = {}
+    for name, (_, step) in motor_tables(connection.config).items():
+        found[name] = PicStep(bus_of(connection, step.bus), step.address)
+    for name, (_, servo) in servo_tables(connection.config).items():
+        found[name] = PicServo(bus_of(connection, servo.bus), servo.address)
+    return found
+
+
 def read_positions(connection: Connection) -> dict[str, int]:
     """Counter of every motor, read back from its chip."""
-    found: dict[str, int] = {}
-    for name, (_, motor) in motor_tables(connection.config).items():
-        exchange = Exchange(motor.address, READ_STATUS, bytes([picstep.ITEM_POSITION]), reply_extra=4)
-        evidence = bus_of(connection, motor).exchange(exchange)
-        status = decode_status(picstep.FACTS, evidence.status or 0, picstep.ITEM_POSITION, evidence.extra)
-        found[name] = status.values["position"]
-    return found
+    return {name: driver.position() for name, driver in drivers(connection).items()}
 
 
 def stop_everything(connection: Connection) -> int:
@@ -124,25 +166,6 @@ def stop_everything(connection: Connection) -> int:
     return max(stop_all(bus) for bus in connection.buses)
 
 
-def bus_of(connection: Connection, motor: StepMotorTable) -> Bus:
-    """The bus on which a motor hangs."""
-    return connection.buses[list(connection.config.bus).index(motor.bus)]
-
-
-def _parameters(config: MachineConfig, axis: str, motor: StepMotorTable) -> dict[str, int]:
-    step = motor.step
-    return {
-        "speed_mode": picstep.SPEED_MODES[f"{speed_mode(config, axis, motor)}x"].bits,
-        "disable_limit_stop": int(not step.limit_autostop),
-        "disable_estop": int(not step.estop),
-        "motor_off_on_stop": int(step.motor_off_on_stop),
-        "minimum_speed": step.minimum_speed,
-        "running_current": step.running_current,
-        "holding_current": step.holding_current,
-        "thermal_limit": step.thermal_limit,
-    }
-
-
-def _send(bus: Bus, address: int, name: str, values: dict[str, int]) -> None:
-    command, data = encode(picstep.FACTS, name, values)
-    bus.exchange(Exchange(address, command, data))
+def bus_of(connection: Connection, name: str) -> Bus:
+    """The bus of that name."""
+    return connection.buses[list(connection.config.bus).index(name)]

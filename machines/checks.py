@@ -25,6 +25,7 @@ def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
     yield from _addresses(data)
     yield from _rates(data)
     yield from _references(data)
+    yield from _home_switches(data)
 
 
 def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -108,6 +109,34 @@ def _references(data: Mapping[str, Any]) -> Iterator[Found]:
     for name in _table(_table(data, "sim"), "axis"):
         if name not in axes and name not in motors:
             yield ("sim", "axis", name), f"there is no axis or motor {name}", ""
+
+
+_SWITCHES = {"pic-step": ("limit1", "limit2", "home"), "pic-servo": ("limit1", "limit2", "index"), "cy545": ("home",)}
+
+
+def _home_switches(data: Mapping[str, Any]) -> Iterator[Found]:
+    """Not every chip has every switch input; and homing ends at zero, so zero must lie in the travel."""
+    for name, table in _table(data, "axis").items():
+        home = table.get("home") if isinstance(table, dict) else None
+        if not isinstance(home, dict):
+            continue
+        chip, switch = table.get("chip"), home.get("switch", "home")
+        known = _SWITCHES.get(chip, ()) if isinstance(chip, str) else ()
+        if known and isinstance(switch, str) and switch not in known:
+            yield ("axis", name, "home", "switch"), f"a {chip} has no {switch} input", f"it has {', '.join(known)}"
+        travel = table.get("travel")
+        ends = [_number(end) for end in travel] if isinstance(travel, list) and len(travel) == 2 else [None]
+        if None not in ends and not ends[0] <= 0 <= ends[1]:  # type: ignore[operator]  # None is ruled out
+            yield ("axis", name, "travel"), "must contain 0 where homing ends", "choose home.position accordingly"
+    for name, table in _table(_table(data, "sim"), "axis").items():
+        axis = _table(data, "axis").get(name)
+        if (
+            isinstance(table, dict)
+            and "home_at" in table
+            and isinstance(axis, dict)
+            and axis.get("chip") == "pic-servo"
+        ):
+            yield ("sim", "axis", name, "home_at"), "a pic-servo has no home input", "use limit1_at or limit2_at"
 
 
 def _number(value: Any) -> float | None:

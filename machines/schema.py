@@ -206,17 +206,47 @@ AnyMotor = Annotated[
 ]
 
 
+class PlantTable(Table):
+    """``[sim.axis.X.plant]``: motor, amplifier, encoder, screw and load behind a PIC-SERVO, from their data sheets.
+
+    One turn is ``lines_per_rev`` * 4 counts and ``lead_mm`` of travel. ``load_nm``: constant torque on the shaft;
+    ``stop_low_at``, ``stop_high_at``: hard end stops in machine coordinates; ``index_at``: where the index begins.
+    """
+
+    supply_v: Positive = 24.0
+    resistance_ohm: Positive = 1.5
+    inductance_h: NotNegative = 1e-3
+    torque_nm_per_a: Positive = 0.045
+    inertia_kgm2: Positive = 2.6e-5
+    coulomb_nm: NotNegative = 0.012
+    viscous_nms: NotNegative = 0.0
+    load_nm: Number = 0.0
+    lines_per_rev: Annotated[int, BeforeValidator(whole), Field(ge=1)] = 500
+    lead_mm: Positive = 5.0
+    load_mass_kg: NotNegative = 0.0
+    stop_low_at: Number | None = None
+    stop_high_at: Number | None = None
+    sense_v_per_a: NotNegative = 1.0
+    sense_inverted: bool = False
+    index: bool = True
+    index_at: Number = 0.0
+    amp_deadband: NotNegative = 0.0
+
+
 class SimMotor(Table):
     """``[sim.axis.X]``: what the twin adds to the motor of that name, places in machine coordinates.
 
     ``limit1_at``, ``limit2_at``: the limit switch closes at and beyond that place; ``home_at``: the home switch closes
-    at and below it. ``crystal_ppm``: the module's own crystal error, instead of one drawn.
+    at and below it. ``crystal_ppm``: the module's own crystal error, instead of one drawn. ``start_at``: where the axis
+    stands when power comes on (the host takes that for zero until it has homed).
     """
 
     crystal_ppm: Number | None = None
+    start_at: Number = 0.0
     limit1_at: Number | None = None
     limit2_at: Number | None = None
     home_at: Number | None = None
+    plant: PlantTable = PlantTable()
 
 
 class SimTable(Table):

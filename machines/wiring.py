@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from gcode.canon import AXES
-from machines.schema import MachineConfig, SimMotor, StepMotorTable
+from machines.schema import MachineConfig, PlantTable, ServoMotorTable, SimMotor, StepMotorTable
 from machines.travel import Travel
 from nmc.budget import BusTiming
 from planner.motors import StepMotor
 from planner.quantize import speed_mode_for
 from planner.types import Limits
-from sim.spec import BusSpec, StepModule, Switch
+from sim.spec import BusSpec, IoModule, Module, ServoModule, ServoPlant, StepModule, Switch
 
 NS_PER_MS = 1_000_000
 
@@ -81,29 +81,81 @@ def speed_mode(config: MachineConfig, axis: str, table: StepMotorTable) -> int:
     return speed_mode_for(abs(config.axis[axis].max_velocity * table.steps_per_unit))
 
 
+def servo_tables(config: MachineConfig) -> dict[str, tuple[str, ServoMotorTable]]:
+    """PIC-SERVO motors by name, each with the axis it follows."""
+    found: dict[str, tuple[str, ServoMotorTable]] = {}
+    for axis in planned_axes(config):
+        table = config.axis[axis]
+        if isinstance(table, ServoMotorTable):
+            found[axis] = (axis, table)
+    for name, extra in config.motor.items():
+        if isinstance(extra, ServoMotorTable):
+            found[name] = (extra.axis, extra)
+    return found
+
+
 def bus_specs(config: MachineConfig) -> list[BusSpec]:
     """The simulated modules of every bus, in chain order."""
-    sim = config.sim
-    modules: dict[str, dict[int, StepModule]] = {bus: {} for bus in config.bus}
-    for name, (_, table) in motor_tables(config).items():
-        plant = sim.axis.get(name, SimMotor())
-        modules[table.bus][table.address] = StepModule(
+    modules: dict[str, dict[int, Module]] = {bus: {} for bus in config.bus}
+    for name, (_, step) in motor_tables(config).items():
+        modules[step.bus][step.address] = _step_module(config, name, step)
+    for name, (_, servo) in servo_tables(config).items():
+        modules[servo.bus][servo.address] = _servo_module(config, name, servo)
+    for name, other in config.module.items():
+        modules[other.bus][other.address] = IoModule(
             name=name,
-            crystal_ppm=plant.crystal_ppm or 0.0,
-            crystal_ppm_max=sim.crystal_ppm if plant.crystal_ppm is None else 0.0,
-            start_delay_max_ns=round(sim.start_delay_ms * NS_PER_MS),
-            reply_delay_max_ns=round(sim.reply_delay_ms * NS_PER_MS),
-            count_latch=sim.count_latch,
-            switches=tuple(_switches(plant, table.steps_per_unit)),
+            crystal_ppm_max=config.sim.crystal_ppm,
+            reply_delay_max_ns=round(config.sim.reply_delay_ms * NS_PER_MS),
         )
     return [
         BusSpec(
             name=bus,
             modules=tuple(module for _, module in sorted(modules[bus].items())),
-            host_jitter_max_ns=round(sim.host_jitter_ms * NS_PER_MS),
+            host_jitter_max_ns=round(config.sim.host_jitter_ms * NS_PER_MS),
         )
         for bus in config.bus
     ]
+
+
+def _step_module(config: MachineConfig, name: str, table: StepMotorTable) -> StepModule:
+    sim = config.sim
+    twin = sim.axis.get(name, SimMotor())
+    return StepModule(
+        name=name,
+        crystal_ppm=twin.crystal_ppm or 0.0,
+        crystal_ppm_max=sim.crystal_ppm if twin.crystal_ppm is None else 0.0,
+        start_delay_max_ns=round(sim.start_delay_ms * NS_PER_MS),
+        reply_delay_max_ns=round(sim.reply_delay_ms * NS_PER_MS),
+        count_latch=sim.count_latch,
+        switches=tuple(_switches(twin, table.steps_per_unit)),
+        start_steps=round(twin.start_at * table.steps_per_unit),
+    )
+
+
+def _servo_module(config: MachineConfig, name: str, table: ServoMotorTable) -> ServoModule:
+    sim = config.sim
+    twin = sim.axis.get(name, SimMotor())
+    return ServoModule(
+        name=name,
+        crystal_ppm=twin.crystal_ppm or 0.0,
+        crystal_ppm_max=sim.crystal_ppm if twin.crystal_ppm is None else 0.0,
+        plant=_plant(twin.plant, table.counts_per_unit),
+        switches=tuple(_switches(twin, table.counts_per_unit)),
+        start_counts=round(twin.start_at * table.counts_per_unit),
+    )
+
+
+def _plant(table: PlantTable, counts_per_unit: float) -> ServoPlant:
+    """The plant in counts; of end stops the lower place of the axis may be the higher one of a turned motor."""
+    places = (table.stop_low_at, table.stop_high_at)
+    stops = [None if at is None else at * counts_per_unit for at in (places if counts_per_unit > 0 else places[::-1])]
+    same = table.model_dump(exclude={"stop_low_at", "stop_high_at", "index_at"})
+    return ServoPlant(
+        **same,
+        stop_low_counts=stops[0],
+        stop_high_counts=stops[1],
+        index_at_counts=round(table.index_at * counts_per_unit),
+    )
 
 
 def _switches(plant: SimMotor, steps_per_unit: float) -> list[Switch]:

@@ -12,7 +12,7 @@ import click
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import machine_option, solver_option, stream_options
-from groupstart.planned import checked_job, planned
+from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def command(
     name = file or EXAMPLE
     text = read_program(file) if file is not None else example_text()
     described = open_machine(machine)
+    refuse_unstreamable(described)
     job = checked_job(name, text, choices, described)
     plan = planned(job, described, solver)
     with RunFolder.create(Path(runs), name) as folder:

@@ -9,7 +9,7 @@ import click
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import file_argument, machine_option, solver_option, stream_options
-from groupstart.planned import checked_job, planned
+from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
 
 
@@ -39,6 +39,7 @@ def command(
 
     text = read_program(file)
     described = open_machine(machine)
+    refuse_unstreamable(described)
     job = checked_job(file, text, choices, described)
     plan = planned(job, described, solver)
     from groupstart.progress import RunProgress

@@ -125,6 +125,14 @@ def test_an_axis_that_the_machine_does_not_have(tmp_path: Path, cli: Cli) -> Non
     assert f"{path}:2:8" in answer.err
 
 
+@pytest.mark.parametrize(("machine", "words"), [("mill3-servo", "PIC-SERVO axes"), ("mill3-mixed", "motor X, Y")])
+@pytest.mark.parametrize("verb", ["verify", "run"])
+def test_a_machine_that_programs_cannot_move_yet(verb: str, machine: str, words: str, square: str, cli: Cli) -> None:
+    answer = clean(cli(verb, square, "-m", machine))
+    assert answer.status == 1
+    assert words in answer.err
+
+
 @pytest.mark.parametrize("offset", ["1,2,x", "1,2,3,4,5,6,7,8,9,10", "nan", "1e400"])
 def test_a_work_offset_that_is_none(offset: str, square: str, cli: Cli) -> None:
     answer = clean(cli("plan", square, "--work-offset", offset))
