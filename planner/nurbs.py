@@ -15,7 +15,7 @@ from planner.errors import PlanError
 from planner.types import F8
 
 CHORD_MM = 1e-4
-"""spacing is chosen so that even without the correction a chord would leave the curve by at most 20 times this."""
+"""largest error of the chain; the first spacing is one whose chords leave the curve by 20 times this."""
 TURN_RAD = 0.1
 """and so that neighbouring chords turn by at most this."""
 FEWEST, MOST = 8, 20_000
@@ -54,6 +54,8 @@ def polyline(spline: Nurbs, start: tuple[float, float]) -> F8:
         raise PlanError(spline.line, "", "spline weights must be positive")
     if np.hypot(*(control[0, :2] - start)) > 1e-3:
         raise PlanError(spline.line, "", "a spline must begin at the current position")
+    if spline.order == 2:
+        return np.asarray(control[1:, :2])
     fine = np.linspace(0.0, len(control) - spline.order + 1.0, 64 * len(control) + 1)
     p = evaluate(control, spline.order, fine)
     chord = np.diff(p, axis=0)
@@ -64,13 +66,31 @@ def polyline(spline: Nurbs, start: tuple[float, float]) -> F8:
     turn = np.abs(np.arctan2(_cross(chord[:-1], chord[1:]), (chord[:-1] * chord[1:]).sum(axis=1)))
     curvature = turn / np.maximum((length[:-1] + length[1:]) / 2, 1e-12)
     tight = float(np.percentile(curvature, 98)) + 1e-12
-    spacing = min(np.sqrt(8 * 20 * CHORD_MM / tight), TURN_RAD / tight, s[-1] / FEWEST)
+    spacing = min(np.sqrt(160 * CHORD_MM / tight), TURN_RAD / tight, s[-1] / FEWEST)
     n = int(min(np.ceil(s[-1] / spacing), MOST))
-    u = np.interp(np.linspace(0.0, s[-1], n + 1), s, fine)
-    on_curve = evaluate(control, spline.order, u)
+    while True:
+        u = np.interp(np.linspace(0.0, s[-1], n + 1), s, fine)
+        chain = _chain(evaluate(control, spline.order, u))
+        middle = np.interp((np.arange(n) + 0.5) * (s[-1] / n), s, fine)
+        if n >= MOST or _error(chain, evaluate(control, spline.order, middle)) <= CHORD_MM:
+            return chain[1:]
+        n = min(2 * n, MOST)
+
+
+def _chain(on_curve: F8) -> F8:
+    """Control points whose parabolas pass near ``on_curve`` f8[n + 1, 2]."""
     out = on_curve.copy()
     out[1:-1] -= (on_curve[:-2] - 2 * on_curve[1:-1] + on_curve[2:]) / 8
-    return np.asarray(out[1:])
+    return out
+
+
+def _error(chain: F8, on_curve: F8) -> float:
+    """Largest distance across the path of the joints of two parabolas from the curve at the same length, but the
+    ends."""
+    edge = np.diff(chain, axis=0)
+    off = (chain[:-1] + chain[1:]) / 2 - on_curve
+    across = np.abs(_cross(edge, off)) / np.maximum(np.hypot(edge[:, 0], edge[:, 1]), 1e-12)
+    return float(across[1:-1].max(initial=0.0))
 
 
 def _cross(a: F8, b: F8) -> F8:

@@ -160,8 +160,9 @@ class MoveReader:
             np.full(n, KIND_FEED, np.uint8), np.full(n, item.line, np.int32), end, np.full(n, item.feed_mm_s),
             np.zeros(n, np.uint8), np.zeros((n, 2)), np.zeros(n, np.int32),
         )  # fmt: skip
-        self._parts[-1].mode[:-1] = MODE_CURVE
-        self._parts[-1].stop[:-1] = False
+        if item.order > 2:
+            self._parts[-1].mode[:-1] = MODE_CURVE
+            self._parts[-1].stop[:-1] = False
 
     def _add(
         self,
