@@ -1,13 +1,14 @@
 """Start-up of an NMC network: the nine steps of PIC-STEP data sheet section 3.4, checked one by one.
 
 Address 1 is the module farthest from the host (section 3.2). If the network does not answer as after power-up (an
-earlier session left it addressed, or at another rate) it is reset at every rate and the steps are run once more.
+earlier session left it addressed, or at another rate) it is reset at every rate and the steps are run again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from nmc.bus import Bus
 from nmc.chips import picio, picservo, picstep
@@ -31,6 +32,8 @@ from nmc.program import Exchange
 from nmc.servo_modes import ServoTracker
 
 ITEM_TYPE_VERSION = picstep.ITEM_TYPE_VERSION
+RESCUE_ADDRESS = 200
+ANSWER_NS = 5_000_000
 CHIPS: dict[int, ChipFacts] = {facts.device_type: facts for facts in (picstep.FACTS, picservo.FACTS, picio.FACTS)}
 
 
@@ -74,19 +77,11 @@ def start_up(
     """Bring the network from power-up to its working baud rate and groups; every module is then guarded.
 
     Raises RemoteFault if number, types or versions differ from ``expected``, LinkTimeout if a module is silent at the
-    new rate. ``recover``: on a mismatch reset the network at all rates and try once more.
+    new rate. ``recover``: on a mismatch reset the network at all rates and try again, at last the hard way.
     """
     if len(expected) > MODULES_MAX:
         raise LocalFault(f"at most {MODULES_MAX} modules on one network", rule="section 1")
-    try:
-        found = identify(bus, len(expected) + 1)
-        _compare(found, expected)
-    except (RemoteFault, LinkTimeout):
-        if not recover:
-            raise
-        reset_network(bus)
-        found = identify(bus, len(expected) + 1)
-        _compare(found, expected)
+    found = _find(bus, expected, recover)
     for info in found:
         bus.guard.enrol(make_tracker(info, reached_stop_is_stopped=reached_stop_is_stopped))
     if baud != DEFAULT_BAUD and found:
@@ -100,6 +95,25 @@ def start_up(
         )
         for i, s in zip(found, answers, strict=True)
     ]
+
+
+def _find(bus: Bus, expected: Sequence[ModuleExpectation], recover: bool) -> list[ModuleInfo]:
+    """Steps 1 to 5 and the comparison, with up to two recoveries in between."""
+    remedies: list[Callable[[], None]] = []
+    if recover:
+        remedies = [partial(reset_network, bus), partial(rescue_network, bus, len(expected) + 1)]
+    for remedy in remedies:
+        try:
+            return _identify_expected(bus, expected)
+        except (RemoteFault, LinkTimeout):
+            remedy()
+    return _identify_expected(bus, expected)
+
+
+def _identify_expected(bus: Bus, expected: Sequence[ModuleExpectation]) -> list[ModuleInfo]:
+    found = identify(bus, len(expected) + 1)
+    _compare(found, expected)
+    return found
 
 
 def identify(bus: Bus, at_most: int = MODULES_MAX) -> list[ModuleInfo]:
@@ -181,17 +195,42 @@ def change_baud(bus: Bus, baud: int, divisor: int | None = None) -> None:
         set_group(bus, address, group, leader=leader)
 
 
-def reset_network(bus: Bus, groups: Sequence[int] = (DEFAULT_GROUP, STREAMING_GROUP, PARKED_GROUP)) -> None:
+def reset_network(bus: Bus, groups: Sequence[int] = (STREAMING_GROUP, PARKED_GROUP, DEFAULT_GROUP)) -> None:
     """Hard Reset of everything, whatever rate and groups an earlier session has left.
 
-    A PIC-STEP obeys a Hard Reset to 0xFF always, a PIC-SERVO only in its own group (section 5.1), so the groups that
-    this program uses are addressed as well, then every individual address.
+    A PIC-STEP obeys a Hard Reset to 0xFF always, a PIC-SERVO only in its own group (section 5.1), so every individual
+    address is reset first, the highest first: a module that is reset raises ADDR_OUT and makes those behind it deaf
+    (section 3.2), and addresses grow towards the host.
     """
+    _reset_at_all_rates(bus, (*range(MODULES_MAX, -1, -1), *groups))
+
+
+def rescue_network(bus: Bus, modules: int) -> None:
+    """The hard way back to power-up state, for a chain in which deaf modules keep old addresses and rates.
+
+    Module k can be deaf only while module k - 1 has its ADDR_OUT high. So the chain is opened from its far end: in
+    pass k everybody but the first k modules is reset at every rate and address, module k, which hears all of that,
+    is then at address 0 and is given an address out of the way, which opens module k + 1. Further modules that happen
+    to hear may take the same address; that does no harm, for in the end all of them hear, at 19200 baud and in group
+    0xFF, one last Hard Reset. Takes about 4 s a module.
+    """
+    kept: list[int] = []
+    for _ in range(modules):
+        _reset_at_all_rates(bus, [address for address in range(DEFAULT_GROUP) if address not in kept])
+        kept.append(RESCUE_ADDRESS + len(kept))
+        bus.resync()
+        bus.exchange(Exchange(DEFAULT_ADDRESS, SET_ADDRESS, bytes([kept[-1], DEFAULT_GROUP]), reply_extra=None))
+        bus.link.sleep_until(bus.link.now_ns() + ANSWER_NS)  # one answer, or several on top of each other
+    bus.resync()
+    bus.exchange(Exchange(DEFAULT_GROUP, HARD_RESET, reply_extra=None))
+
+
+def _reset_at_all_rates(bus: Bus, addresses: Sequence[int]) -> None:
     for baud in sorted(BAUD_DIVISORS, reverse=True):
         bus.guard.forget_all()
         bus.set_host_baud(baud)
         bus.resync()
-        for address in (*groups, *range(MODULES_MAX, -1, -1)):
+        for address in addresses:
             bus.exchange(Exchange(address, HARD_RESET, reply_extra=None))
     bus.guard.forget_all()
     bus.set_host_baud(DEFAULT_BAUD)

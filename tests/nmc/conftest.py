@@ -12,7 +12,7 @@ from nmc.modes import StepTracker
 from nmc.servo_modes import ServoTracker
 from nmc.setup import ModuleExpectation, start_up
 from sim.build import Simulation, build
-from sim.spec import BusSpec, StepModule
+from sim.spec import BusSpec, ServoModule, StepModule
 
 ITEM_BYTES = (4, 1, 2, 1, 4, 2, 0, 0)
 
@@ -183,14 +183,24 @@ def make_link() -> Callable[..., FakeLink]:
 
 
 @pytest.fixture
-def steppers() -> Callable[..., tuple[Simulation, Bus]]:
-    """A simulated bus of PIC-STEPs, started up at 115200 baud."""
+def simulated() -> Callable[..., tuple[Simulation, Bus]]:
+    """A simulated bus of these modules, started up at 115200 baud."""
+
+    def make(*modules: StepModule | ServoModule, jitter_ns: int = 0, seed: int = 1) -> tuple[Simulation, Bus]:
+        simulation = build([BusSpec("bus", modules, host_jitter_max_ns=jitter_ns)], seed)
+        bus = Bus(simulation.links[0])
+        chips = ["pic-servo" if isinstance(module, ServoModule) else "pic-step" for module in modules]
+        start_up(bus, [ModuleExpectation(chip) for chip in chips])
+        return simulation, bus
+
+    return make
+
+
+@pytest.fixture
+def steppers(simulated: Callable[..., tuple[Simulation, Bus]]) -> Callable[..., tuple[Simulation, Bus]]:
+    """A simulated bus of PIC-STEPs, one if nothing is said, started up at 115200 baud."""
 
     def make(*modules: StepModule, jitter_ns: int = 0, seed: int = 1) -> tuple[Simulation, Bus]:
-        specs = modules or (StepModule("x"),)
-        simulation = build([BusSpec("bus", specs, host_jitter_max_ns=jitter_ns)], seed)
-        bus = Bus(simulation.links[0])
-        start_up(bus, [ModuleExpectation("pic-step", 1)] * len(specs))
-        return simulation, bus
+        return simulated(*(modules or (StepModule("x"),)), jitter_ns=jitter_ns, seed=seed)
 
     return make
