@@ -14,6 +14,7 @@ from gcode.compensatedarcs import arc_move
 from gcode.compensation import active
 from gcode.emit import PLANE_AXES
 from gcode.errors import GcodeError
+from gcode.local import localize_arc
 from gcode.machine import Machine
 from gcode.motion import INVERSE_TIME, check_feed, find_end, programmed_position, set_inverse_time
 
@@ -44,6 +45,9 @@ def arc(machine: Machine, block: Block, motion: int) -> None:
     check_feed(machine, block, name)
     end = find_end(machine, block)
     state.motion = motion
+    if machine.local is not None:
+        letters = CENTER_LETTERS[state.plane][:2]
+        block, motion = localize_arc(machine.local, block, motion, letters, absolute=state.ijk_absolute)
     first, second, third = PLANE_AXES[state.plane]
     compensation = active(machine)
     here = programmed_position(machine)

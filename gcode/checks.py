@@ -165,13 +165,22 @@ def _check_polar(block: Block, plane: int) -> None:
         raise GcodeError("GC026", "polar words and X or Y on one line", "use one kind of coordinates", "@")
 
 
-def check_words(block: Block) -> None:
-    """Refuses every word that no code of the line uses (GC020), and broken values of shared words."""
+def check_words(block: Block, forgiven: list[GcodeError] | None = None) -> None:
+    """Refuses every word that no code of the line uses (GC020), and broken values of shared words.
+
+    forgiven: where lenient dialects note an unused word instead; the word is dropped.
+    """
     words = block.words
     motion = block.motion
-    for letter in words:
+    for letter in tuple(words):
         users = WORD_USERS.get(letter)
         if users is not None and not users.has_user(block):
+            if forgiven is not None:
+                del words[letter]
+                forgiven.append(
+                    GcodeError("GC215", f"{letter.upper()} word is not used by any code", "remove it", letter)
+                )
+                continue
             raise GcodeError(
                 "GC020",
                 f"{letter.upper()} word with no code that uses it",

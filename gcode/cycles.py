@@ -7,7 +7,6 @@ the height at which the first cycle of the series began (G98).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from gcode.codes import g_name
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.memory import CycleMemory
+from gcode.motion import find_end
 from gcode.state import State
 
 CYCLE_AXES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0), 171: (6, 7, 8), 181: (8, 6, 7), 191: (7, 8, 6)}
@@ -190,7 +190,7 @@ def _holes(cycle: Cycle, block: Block, motion: int, hole: Hole, present: float) 
     a, b = hole.a, hole.b
     for repeat in range(block.whole("l") if "l" in block.words else 1):
         if repeat == 0 or state.incremental:
-            a, b = _next_position(state, block, cycle.axes, a, b)
+            a, b = _next_position(cycle.machine, block, cycle.axes)
         one = Hole(a, b, hole.r, hole.clear, hole.bottom, hole.words)
         if repeat == 0 and present > hole.r:
             cycle.traverse(a, b, present)
@@ -203,28 +203,12 @@ def _holes(cycle: Cycle, block: Block, motion: int, hole: Hole, present: float) 
         state.position[first], state.position[second], state.position[third] = a, b, hole.clear
 
 
-def _next_position(state: State, block: Block, axes: tuple[int, int, int], a: float, b: float) -> tuple[float, float]:
+def _next_position(machine: Machine, block: Block, axes: tuple[int, int, int]) -> tuple[float, float]:
     """Where the next hole is: the words of the plane's two axes, or polar words in G17."""
-    words = block.words
-    one, two = LETTERS[axes[0]], LETTERS[axes[1]]
-    if "@" in words or "^" in words:
-        return _polar(state, words, a, b)
-    if state.incremental:
-        return a + words.get(one, 0.0), b + words.get(two, 0.0)
-    return words.get(one, a), words.get(two, b)
-
-
-def _polar(state: State, words: dict[str, float], a: float, b: float) -> tuple[float, float]:
-    radius, theta = math.hypot(a, b), math.atan2(b, a)
-    if state.incremental:
-        if a == 0.0 and b == 0.0:
-            raise GcodeError("GC026", "incremental polar words at the origin", "there is no angle to add to", "@")
-        radius += words.get("@", 0.0)
-        theta += words.get("^", 0.0) * math.pi / 180.0
-    else:
-        radius = words.get("@", radius)
-        theta = words["^"] * math.pi / 180.0 if "^" in words else theta
-    return radius * math.cos(theta), radius * math.sin(theta)
+    letters = {LETTERS[axes[0]], LETTERS[axes[1]], "@", "^"}
+    words = {letter: value for letter, value in block.words.items() if letter in letters}
+    end = find_end(machine, Block(block.line, words=words))
+    return end[axes[0]], end[axes[1]]
 
 
 def _g81(cycle: Cycle, hole: Hole) -> None:

@@ -1,30 +1,106 @@
-"""Dialects as a small table: what a control other than LinuxCNC reads differently."""
+"""Dialects as a small table: what a control other than LinuxCNC reads differently, and guessing one from a program."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One dialect. Every field says what differs from LinuxCNC; ``refused`` is the reason why it is not interpreted.
+    """One dialect. Every field says what differs from LinuxCNC.
 
+    refused: the reason why programs of this dialect are not interpreted; "" if they are.
     tap_axes_as_linuxcnc: G74 and G84 outside G17 move as LinuxCNC moves (wrongly).
+    lenient: unknown M codes, words that nothing uses, long lines, percent signs in the middle, nested or unclosed
+    comments and checksums are warned of, not refused. sender_lines: lines beginning with ``$`` or ``?`` belong to the
+    sender. units_g70_g71: G70 and G71 are inch and mm. dwell_ms: P of G4 and of cycles is in milliseconds.
+    macro_b: IF, GOTO, WHILE..DO, G65 to G67 and vacant parameters. transforms: G15, G16, G50, G51, G68, G69, G12, G13,
+    G54.1. reference_with_motion: G28 may stand with G0 or G1, which then only sets the mode.
     """
 
     name: str
     about: str
-    tap_axes_as_linuxcnc: bool = False
     refused: str = ""
+    tap_axes_as_linuxcnc: bool = False
+    lenient: bool = False
+    sender_lines: bool = False
+    units_g70_g71: bool = False
+    dwell_ms: bool = False
+    macro_b: bool = False
+    transforms: bool = False
+    reference_with_motion: bool = False
 
 
 DIALECTS: dict[str, Dialect] = {
     dialect.name: dialect
     for dialect in (
         Dialect("linuxcnc", "RS274/NGC as LinuxCNC 2.9 reads it", tap_axes_as_linuxcnc=True),
-        Dialect("grbl", "grbl 1.1 and its family"),
-        Dialect("fanuc", "Fanuc and Haas, with Macro B"),
-        Dialect("mach", "Mach3 and Mach4"),
-        Dialect("marlin", "3D printers", refused="3D printer programs extrude with E and home with G28"),
+        Dialect("grbl", "grbl 1.1 and its family", lenient=True, sender_lines=True, reference_with_motion=True),
+        Dialect(
+            "fanuc",
+            "Fanuc and Haas, with Macro B",
+            lenient=True,
+            dwell_ms=True,
+            macro_b=True,
+            transforms=True,
+            reference_with_motion=True,
+        ),
+        Dialect(
+            "mach",
+            "Mach3 and Mach4",
+            lenient=True,
+            units_g70_g71=True,
+            transforms=True,
+            reference_with_motion=True,
+        ),
+        Dialect(
+            "marlin",
+            "3D printers",
+            refused="it is a 3D printer program: E words extrude, M104 to M140 heat, G28 homes",
+        ),
+        Dialect(
+            "siemens",
+            "Sinumerik",
+            refused="it is a Sinumerik program: DEF, R parameters and named cycles are another language",
+        ),
     )
 }
+NAMES = (*DIALECTS, "auto")
+
+_PRINTER = re.compile(r"^\s*(?:N\d+\s*)?(?:M10[4-9]|M1[49]0|G1\s[^;(]*E-?\d)", re.IGNORECASE | re.MULTILINE)
+_SIEMENS = re.compile(
+    r"^\s*(?:N\d+\s*)?(?:DEF\s+(?:REAL|INT)|MCALL|CYCLE\d+|TRANS\b|R\d+\s*=|;\$PATH)", re.IGNORECASE | re.MULTILINE
+)
+_MACRO_B = re.compile(
+    r"^\s*(?:/\s*)?(?:N\d+\s*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|.*\bG0*6[567]\b|.*\bM97\b)",
+    re.IGNORECASE | re.MULTILINE,
+)
+_FANUC = re.compile(
+    r"\bG28\s*G91|\bG91\s*G28|\bG6[89]\b|\bG15\b|\bG16\b|^%\s*\n\s*(?:<[^>]*>|O\d{4})", re.IGNORECASE | re.MULTILINE
+)
+_MACH = re.compile(
+    r"^\s*(?:N\d+\s*)?G7[01](?:\s|G|$)(?!.*Q)|\bG0?50\b|^\s*(?:N\d+\s*)?G53\s*(?:G90|$)", re.IGNORECASE | re.MULTILINE
+)
+_SENDER = re.compile(
+    r"^\s*[$?]|^\s*(?:N\d+\s*)?(?:G[0-9.]+\s*)*M(?:[2-9]\d\d|1[0-8]|[2-4]\d|[78]\d|9[0-7])\b",
+    re.IGNORECASE | re.MULTILINE,
+)
+
+
+def guess(text: str) -> tuple[str, str]:
+    """The dialect that a program seems to be written in, and the sign it was told by."""
+    head = text[:400_000]
+    for pattern, name, sign in (
+        (_SIEMENS, "siemens", "Sinumerik words"),
+        (_PRINTER, "marlin", "extrusion or heating"),
+        (_MACRO_B, "fanuc", "Macro B statements"),
+        (_MACH, "mach", "G70 or G71 as units, G50 or G53 alone"),
+        (_FANUC, "fanuc", "a Fanuc idiom"),
+        (_SENDER, "grbl", "sender lines or M codes of small machines"),
+    ):
+        match = pattern.search(head)
+        if match is not None:
+            line = head.count("\n", 0, match.start() + len(match.group()) - len(match.group().lstrip())) + 1
+            return name, f"{sign} (line {line})"
+    return "linuxcnc", "nothing of another dialect"

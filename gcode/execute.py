@@ -44,6 +44,7 @@ from gcode.codes import (
 from gcode.compensation import set_compensation
 from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
+from gcode.foreign import act, adapt
 from gcode.lathecycles import lathe_cycle
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
@@ -186,13 +187,17 @@ ORDER: tuple[Stage, ...] = (
 def execute(machine: Machine, block: Block) -> None:
     """Checks a block and runs its stages in order. Raises ``GcodeError``; commands go to ``machine.emit``."""
     state = machine.state
+    machine.emit.line = block.line
     if state.lathe_diameter and "x" in block.words:
         block.words["x"] *= 0.5
+    lenient = machine.dialect.lenient
+    if lenient:
+        adapt(machine, block)
+        act(machine, block)
     choose_motion(block, state.motion, state.plane)
     if block.g.get(MODAL_0) == 530:
         check_g53(machine, block)
-    check_words(block)
-    machine.emit.line = block.line
+    check_words(block, machine.warnings if lenient else None)
     words, g, m = block.words, block.g, block.m
     for stage in ORDER:
         kind = stage.kind

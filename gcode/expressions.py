@@ -217,6 +217,8 @@ PRECEDENCE = {
 
 def apply_operator(operator: str, x: float, y: float, span: Span) -> float:
     """One operation on two numbers. GC034 for a division by zero, GC035 and GC036 for what has no number."""
+    if math.isnan(x) or math.isnan(y):
+        return _vacant(operator, x, y, span)
     if operator == "/" and y == 0.0:
         raise GcodeError("GC034", "division by zero", "guard it with an IF, or check the divisor", span)
     if operator == "mod" and y == 0.0:
@@ -232,6 +234,13 @@ def apply_operator(operator: str, x: float, y: float, span: Span) -> float:
     if not math.isfinite(result):
         raise GcodeError("GC036", f"{x:g}{operator}{y:g} is too large", "check the operands", span)
     return result
+
+
+def _vacant(operator: str, x: float, y: float, span: Span) -> float:
+    """Macro B: a vacant parameter (not a number here) equals only another one, and counts as zero else."""
+    if operator in {"eq", "ne"}:
+        return float((math.isnan(x) and math.isnan(y)) == (operator == "eq"))
+    return apply_operator(operator, 0.0 if math.isnan(x) else x, 0.0 if math.isnan(y) else y, span)
 
 
 def function_of(name: str, operand: Value, span: Span) -> Value:

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 
 from gcode.block import Block, Line, Statement
 from gcode.errors import GcodeError
-from gcode.expressions import evaluate
+from gcode.expressions import Value, evaluate, whole
 from gcode.library import Library
 from gcode.machine import Context, Machine
+from gcode.macrob import ARGUMENTS, LOCALS
 from gcode.parameters import LOCAL_COUNT
 from gcode.program import Program
 from gcode.saved import SavedModes, restore_modes
@@ -30,7 +31,7 @@ class Call:
     name: str
     style: str
     line: int
-    locals: list[float]
+    locals: dict[int, float]
     repeats: dict[int, int]
     turns_left: int = 0
     start: int = 0
@@ -51,7 +52,7 @@ class Flow:
         """Executes the O-word on the line before ``index``. Raises ``GcodeError``."""
         here = self.index - 1
         step = _STEPS.get(statement.keyword)
-        if step is not None:
+        if step is not None and here not in self.program.broken:
             step(self, here, statement)
 
     def test(self, statement: Statement) -> float:
@@ -62,22 +63,23 @@ class Flow:
         """The open calls as text, innermost first."""
         return tuple(f"in O{call.name}, called on line {call.line}" for call in reversed(self.calls))
 
-    def enter(self, name: str, style: str, arguments: list[float], turns: int = 1) -> None:
+    def enter(self, name: str, style: str, arguments: dict[int, float], turns: int = 1) -> None:
         """Goes to subprogram ``name``; the line before ``index`` is the caller."""
         if len(self.calls) >= MAX_CALLS:
             raise GcodeError(
                 "GC084", f"more than {MAX_CALLS} calls inside each other", "a subprogram calls itself for ever"
             )
-        program, start = self._find(name)
+        program, start = self._find_sequence(name) if style == "m97" else self._find(name)
         values = self.machine.parameters.values
-        saved = [values.get(number, 0.0) for number in range(1, LOCAL_COUNT + 1)] if style == "call" else []
+        count = {"call": LOCAL_COUNT, "g65": LOCALS}.get(style, 0)
+        saved = {number: values[number] for number in range(1, count + 1) if number in values}
         call = Call(self.program, self.index, name, style, self.index, saved, self.repeats, turns - 1, start)
         self.calls.append(call)
         self.machine.parameters.frames.append({})
         self.machine.contexts.append(Context())
-        if style == "call":
-            for number in range(1, LOCAL_COUNT + 1):
-                values[number] = arguments[number - 1] if number <= len(arguments) else 0.0
+        for number in range(1, count + 1):
+            values.pop(number, None)
+        values.update(arguments)
         self.repeats = {}
         self.program, self.index = program, start
 
@@ -111,8 +113,10 @@ class Flow:
             return
         self.calls.pop()
         parameters.frames.pop()
-        for number, old in enumerate(call.locals, 1):
-            parameters.values[number] = old
+        count = {"call": LOCAL_COUNT, "g65": LOCALS}.get(call.style, 0)
+        for number in range(1, count + 1):
+            parameters.values.pop(number, None)
+        parameters.values.update(call.locals)
         self.program, self.index, self.repeats = call.program, call.back, call.repeats
         if call.style == "call":
             parameters.returned = value
@@ -127,7 +131,38 @@ class Flow:
         number = block.whole("p")
         turns = block.whole("l") if "l" in block.words else 1
         if turns > 0:
-            self.enter(str(number), "m98", [], turns)
+            self.enter(str(number), "m98", {}, turns)
+
+    def m97(self, block: Block) -> None:
+        """M97 P: calls the lines from N number to M99 in the same file (Haas)."""
+        if "p" not in block.words:
+            raise GcodeError("GC025", "M97 without P", "P is the N number of the subprogram", "M97")
+        turns = block.whole("l") if "l" in block.words else 1
+        if turns > 0:
+            self.enter(str(block.whole("p")), "m97", {}, turns)
+
+    def g65(self, words: dict[str, float]) -> None:
+        """G65 P (program) L (times) and arguments by letter."""
+        if "p" not in words:
+            raise GcodeError("GC025", "G65 without P", "P is the number of the macro program", "g")
+        turns = int(words.get("l", 1.0))
+        arguments = {ARGUMENTS[letter]: value for letter, value in words.items() if letter in ARGUMENTS}
+        if turns > 0:
+            self.enter(str(int(words["p"])), "g65", arguments, turns)
+
+    def goto(self, target: Value, span: tuple[int, int]) -> None:
+        """GOTO n: the next line is the one with N n."""
+        number = whole(evaluate(target, self.machine.parameters), "the target of GOTO")
+        try:
+            _, self.index = self._find_sequence(str(number))
+        except GcodeError as error:
+            raise error.placed(span) from None
+
+    def _find_sequence(self, number: str) -> tuple[Program, int]:
+        index = self.program.sequences.get(number)
+        if index is None:
+            raise GcodeError("GC085", f"there is no line N{number}", "the target of a jump is the N word of a line")
+        return self.program, index
 
     def m99(self) -> bool:
         """M99: returns from a call; False in the main program, where it ends it."""
@@ -205,7 +240,9 @@ def _call(flow: Flow, _here: int, statement: Statement) -> None:
         raise GcodeError(
             "GC087", f"more than {LOCAL_COUNT} arguments", "pass the others in #31 and above", statement.span
         )
-    arguments = [evaluate(argument, parameters) for argument in statement.arguments]
+    arguments = {number: evaluate(argument, parameters) for number, argument in enumerate(statement.arguments, 1)}
+    for number in range(len(arguments) + 1, LOCAL_COUNT + 1):
+        arguments[number] = 0.0
     name = statement.label
     if statement.value is not None:
         name = str(round(evaluate(statement.value, parameters)))
@@ -225,7 +262,25 @@ def _return(flow: Flow, _here: int, statement: Statement) -> None:
     flow.leave(flow.test(statement) if statement.arguments else None)
 
 
+def _goto(flow: Flow, _here: int, statement: Statement) -> None:
+    flow.goto(statement.arguments[0], statement.span)
+
+
+def _ifgoto(flow: Flow, _here: int, statement: Statement) -> None:
+    if flow.test(statement) != 0.0:
+        flow.goto(statement.arguments[1], statement.span)
+
+
+def _macro_while(flow: Flow, here: int, statement: Statement) -> None:
+    if flow.test(statement) == 0.0:
+        flow.index = flow.program.at[here].end + 1
+
+
 _STEPS = {
+    "goto": _goto,
+    "ifgoto": _ifgoto,
+    "mwhile": _macro_while,
+    "mend": _endwhile,
     "if": _if,
     "elseif": _past_branches,
     "else": _past_branches,
@@ -243,8 +298,9 @@ _STEPS = {
 
 
 def is_call(line: Line) -> int | None:
-    """98 or 99 if the line's only code is M98 or M99, so that flow handles it."""
+    """97, 98 or 99 if the line has that M code, so that flow handles it."""
     for word in line.words:
-        if word.letter == "m" and word.value in (98.0, 99.0):
-            return 98 if word.value == 98.0 else 99
+        if word.letter == "m" and word.value in (97.0, 98.0, 99.0):
+            assert isinstance(word.value, float)
+            return int(word.value)
     return None

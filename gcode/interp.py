@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from gcode.block import AXIS_LETTERS, Block, Line
 from gcode.canon import Command, End, Position
 from gcode.compensation import flush
+from gcode.dialects import DIALECTS, guess
 from gcode.errors import Diagnostic, GcodeError
 from gcode.execute import execute
 from gcode.expressions import evaluate, whole
 from gcode.flow import Flow, is_call
+from gcode.foreigngroups import MACRO
 from gcode.library import Library
 from gcode.machine import Machine
 from gcode.named import ini_value, install
@@ -25,7 +27,7 @@ from gcode.places import place
 from gcode.program import Program, has_percent
 from gcode.recovery import meant, recover
 from gcode.resolve import resolve
-from gcode.scanner import MAX_LINE, scan_line
+from gcode.scanner import scan_line
 from gcode.setup import Setup
 from gcode.state import AXIS_INDEX
 from gcode.synch import Answer, Assumptions, Synch
@@ -41,6 +43,8 @@ class Interpretation:
 
     commands: list[Command]
     diagnostics: list[Diagnostic]
+    dialect: str = "linuxcnc"
+    dialect_reason: str = ""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -53,14 +57,18 @@ class Run:
 
     def __init__(self, text: str, setup: Setup) -> None:
         self.setup = setup
-        self.machine = Machine(setup)
-        self.main = Program(text, setup.file)
-        self.flow = Flow(self.machine, self.main, Library(setup.include), self.main.first)
+        name, self.dialect_reason = guess(text) if setup.dialect == "auto" else (setup.dialect, "it was asked for")
+        self.dialect = DIALECTS[name]
+        self.machine = Machine(setup, name)
+        self.machine.parameters.vacant = self.dialect.macro_b
+        self.main = Program(text, setup.file, self.dialect)
+        self.flow = Flow(self.machine, self.main, Library(setup.include, self.dialect), self.main.first)
         self.diagnostics: list[Diagnostic] = []
         self.failed = False
         self._reported: set[tuple[str, ...]] = set()
         self._uncertain: set[int] = set()
         self._steps = 0
+        self._modal_macro: dict[str, float] | None = None
         self.machine.run_text = self._run_text
         self.machine.profile = self._profile
         self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
@@ -73,6 +81,11 @@ class Run:
         """
         machine, emit = self.machine, self.machine.emit
         self._begin()
+        if self.dialect.refused:
+            self._refuse_dialect()
+            return
+        if self.setup.dialect == "auto" and self.dialect.name != "linuxcnc":
+            self._say_dialect()
         yield from emit.take()
         self._report_structure()
         while not machine.finished and len(self.diagnostics) <= self.setup.max_errors:
@@ -119,6 +132,17 @@ class Run:
         emit.text("SET_FEED_REFERENCE(CANON_XYZ)")
         emit.text("ON_RESET()")
 
+    def _refuse_dialect(self) -> None:
+        error = GcodeError(
+            "GC100", f"not interpreted: {self.dialect.refused}", "post the job for a milling machine", (0, 1)
+        )
+        if self.main.lines:
+            self.report(error, self.main, 0)
+
+    def _say_dialect(self) -> None:
+        message = f"read in dialect {self.dialect.name}: {self.dialect_reason}"
+        self.report(GcodeError("GC209", message, "choose another with --dialect", (0, 1)), self.main, 0, "warning")
+
     def _report_structure(self) -> None:
         for fault in self.main.faults:
             self._note(fault.error, self.main, fault.index, "error")
@@ -140,19 +164,14 @@ class Run:
         try:
             line = program.line(index)
             if line is not None:
-                if len(text) > MAX_LINE:
-                    raise GcodeError(
-                        "GC017",
-                        f"a line of {len(text)} characters",
-                        f"at most {MAX_LINE}: split it",
-                        (MAX_LINE, MAX_LINE + 1),
-                    )
                 block = self._execute(line)
         except GcodeError as error:
             self.report(error, program, index)
             self._recover(block, index + 1, text, error)
         except RecursionError:
             self.report(GcodeError("GC037", "an expression is nested too deeply", "split it", (0, 1)), program, index)
+        for note in program.notes.pop(index, ()):
+            self.report(note, program, index, "warning")
         if self.machine.warnings:
             for warning in self.machine.warnings:
                 self.report(warning, program, index, "warning")
@@ -166,13 +185,23 @@ class Run:
         if line.delete and line.delete in self.setup.block_delete:
             return None
         if line.statement is not None:
+            if line.statement.keyword == "ifthen":
+                if self.flow.test(line.statement) != 0.0:
+                    self._assign(line)
+                return None
             self.flow.statement(line.statement)
             return None
         if not line.words and not line.assignments and line.comment is None:
             return None
         machine = self.machine
-        block = resolve(line, machine.parameters)
+        block = resolve(line, machine.parameters, self.dialect, machine.warnings)
         code = is_call(line)
+        if code == 97 and self.dialect.macro_b:
+            self.flow.m97(block)
+            return block
+        if MACRO in block.g:
+            self._macro(block)
+            return block
         if code == 98:
             self.flow.m98(block)
             return block
@@ -187,7 +216,19 @@ class Run:
             raise
         if self._uncertain:
             self._settled(block)
+        if self._modal_macro is not None and block.motion in {0, 10, 20, 30}:
+            self.flow.g65(self._modal_macro)
         return block
+
+    def _macro(self, block: Block) -> None:
+        """G65 calls a macro, G66 calls one after every move, G67 ends that."""
+        code = block.g[MACRO]
+        if code == 650:
+            self.flow.g65(block.words)
+        elif code == 660:
+            self._modal_macro = dict(block.words)
+        else:
+            self._modal_macro = None
 
     def _block_failed(self, block: Block) -> None:
         """A block failed while it was executed: stand where it meant to go."""
@@ -202,7 +243,7 @@ class Run:
         """The blocks of subprogram ``name``: its flow and assignments are executed, its motion is not."""
         flow = self.flow
         depth = len(flow.calls)
-        flow.enter(name, "call", [])
+        flow.enter(name, "call", {})
         while len(flow.calls) > depth:
             program, index = flow.program, flow.index
             if index >= program.stop:
@@ -309,4 +350,9 @@ def interpret(text: str, setup: Setup | None = None, assumptions: Assumptions | 
     """Interprets a program. Never raises for what the text contains: the diagnostics say it."""
     run = Run(text, setup or Setup())
     commands = list(run.commands(assumptions))
-    return Interpretation(commands, sorted(run.diagnostics, key=lambda d: (d.file != run.main.name, d.line, d.column)))
+    return Interpretation(
+        commands,
+        sorted(run.diagnostics, key=lambda d: (d.file != run.main.name, d.line, d.column)),
+        run.dialect.name,
+        run.dialect_reason,
+    )

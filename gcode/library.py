@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gcode.dialects import Dialect
 from gcode.program import Program
 
 SUFFIXES = (".ngc", ".nc")
@@ -16,6 +17,7 @@ class Library:
     """Loads each file once. Only files directly in ``folders`` are found: a name cannot climb out of them."""
 
     folders: tuple[str, ...]
+    dialect: Dialect
     _loaded: dict[str, Program | None] = field(default_factory=dict)
 
     def load(self, name: str) -> Program | None:
@@ -30,7 +32,7 @@ class Library:
         for folder in self.folders:
             for path in _candidates(Path(folder), name):
                 if path.is_file() and path.stat().st_size <= MAX_BYTES:
-                    return Program(path.read_text(encoding="utf-8", errors="replace"), path.name)
+                    return Program(path.read_text(encoding="utf-8", errors="replace"), path.name, self.dialect)
         return None
 
 

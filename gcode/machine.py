@@ -41,13 +41,14 @@ class Machine:
     """One run. ``finished`` is set by M2 and M30; ``synch`` by a step that has to wait for the machine.
 
     ``contexts``: one for each call level; ``compensation``: while cutter compensation is on;
-    ``arc_forbidden``: the move after G40 must be straight; ``run_text`` executes a line of text as part of the program;
+    ``arc_forbidden``: the move after G40 must be straight; ``local``: transformation of other dialects;
+    ``run_text`` executes a line of text as part of the program;
     ``profile`` gives the blocks of a subprogram without executing their motion.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, dialect: str = "") -> None:
         self.setup = setup
-        self.dialect = DIALECTS[setup.dialect]
+        self.dialect = DIALECTS[dialect or setup.dialect]
         self.state = State(machine_unit_mm=MACHINE_UNIT_MM[setup.machine_units])
         self.parameters = Parameters(self.state, setup.parameters)
         self.tools: dict[int, Tool] | None = None if setup.tools is None else dict(setup.tools)
@@ -57,6 +58,7 @@ class Machine:
         self.cycle = CycleMemory()
         self.compensation: Any = None
         self.arc_forbidden = False
+        self.local: Any = None
         self.nurbs_points: list[tuple[float, float, float]] = []
         self.nurbs_order = 3
         self.contexts: list[Context] = [Context()]

@@ -23,6 +23,9 @@ def find_end(machine: Machine, block: Block) -> list[float]:
         return _machine_end(machine, block)
     end = programmed_position(machine)
     words = block.words
+    if machine.local is not None:
+        placed: list[float] = machine.local.end(end, block, incremental=state.incremental)
+        return placed
     for letter, axis in AXIS_INDEX.items():
         value = words.get(letter)
         if value is None:

@@ -16,8 +16,12 @@ SYSTEMS = (540, 550, 560, 570, 580, 590, 591, 592, 593)
 
 def set_coordinate_system(machine: Machine, block: Block) -> None:
     """G54 to G59.3."""
+    set_system(machine, SYSTEMS.index(block.g[COORDINATES]) + 1)
+
+
+def set_system(machine: Machine, system: int) -> None:
+    """Makes coordinate system ``system`` (1 is G54) the active one."""
     refuse_under_compensation(machine, "a change of coordinate system")
-    system = SYSTEMS.index(block.g[COORDINATES]) + 1
     state, emit = machine.state, machine.emit
     if system == state.system:
         emit.comment("interpreter: continuing to use same coordinate system")

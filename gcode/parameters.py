@@ -9,6 +9,7 @@ Source: LinuxCNC's documentation of parameters; numbers as in its system paramet
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 
 from gcode.errors import GcodeError, nearest
@@ -20,12 +21,16 @@ LOCAL_COUNT = 30
 
 
 class Parameters:
-    """All parameters of a run. ``foreign`` reads ``#<_ini[...]>``; ``returned`` is the value of the last call."""
+    """All parameters of a run. ``foreign`` reads ``#<_ini[...]>``; ``returned`` is the value of the last call.
+
+    ``vacant``: a parameter that was never set is vacant, as in Macro B, not zero.
+    """
 
     def __init__(self, state: State, values: Mapping[int, float]) -> None:
         self.state = state
         self.values: dict[int, float] = dict(values)
         self.values.setdefault(5599, 1.0)
+        self.vacant = False
         self.globals: dict[str, float] = {}
         self.frames: list[dict[str, float]] = [{}]
         self.windows: dict[str, Callable[[], float]] = {}
@@ -35,13 +40,15 @@ class Parameters:
     def numbered(self, index: int) -> float:
         """``#index``; 0 if it was never set. GC030 out of range."""
         if not 1 <= index <= MAX_PARAMETER:
+            if index == 0 and self.vacant:
+                return math.nan
             raise GcodeError("GC030", f"parameter #{index} does not exist", f"numbers go from 1 to {MAX_PARAMETER}")
         if 5420 <= index <= 5428:
             return self._position(index)
         if 5021 <= index <= 5029:
             state = self.state
             return state.absolute()[index - 5021]
-        return self.values.get(index, 0.0)
+        return self.values.get(index, math.nan if self.vacant and index < 1000 else 0.0)
 
     def _position(self, index: int) -> float:
         if self.state.compensation != 400:

@@ -16,8 +16,11 @@ def place(
     error: GcodeError, file: str, number: int, text: str, severity: str = "error", calls: tuple[str, ...] = ()
 ) -> Diagnostic:
     """The diagnostic of ``error`` on line ``number`` whose text is ``text``."""
-    start, end = _span(error, text)
-    column, end_column = columns(text, start, end)
+    if isinstance(error.at, str) and error.at.startswith("column "):
+        column = int(error.at.split()[1])
+        end_column = column + 1
+    else:
+        column, end_column = columns(text, *_span(error, text))
     kind: Severity = "warning" if severity == "warning" else "error"
     return Diagnostic(file, number, column, end_column, error.code, kind, error.message, error.hint, calls)
 

@@ -10,13 +10,19 @@ import re
 from dataclasses import dataclass, field
 
 from gcode.block import Line, Statement
+from gcode.dialects import Dialect
 from gcode.errors import GcodeError
-from gcode.scanner import scan_line
+from gcode.reading import read_line
 from gcode.source import split_lines
 
 _FLOW = re.compile(r"^[ \t/]*(?:n[ \t\d.]*)?(?:o|m[ \t]*0*9[89](?!\d))", re.IGNORECASE | re.MULTILINE)
+_MACRO_FLOW = re.compile(
+    r"^[ \t/]*(?:n[ \t\d.]*)?(?:if[ \t]*\[|while[ \t]*\[|goto)|\bg[ \t]*0*6[56]|\bm[ \t]*97",
+    re.IGNORECASE | re.MULTILINE,
+)
 _END = re.compile(r"^[ \t]*(?:n[ \t\d.]*)?m[ \t]*0*(?:2|30)(?!\d)", re.IGNORECASE)
 
+CLOSED_BY = {"mwhile": "END", "mdo": "END"}
 OPENERS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat", "sub": "endsub"}
 CLOSERS = {"endif": ("if",), "endwhile": ("while",), "endrepeat": ("repeat",), "endsub": ("sub",)}
 LOOPS = frozenset({"while", "do", "repeat"})
@@ -44,26 +50,38 @@ class Fault:
 class Program:
     """The lines of one file. ``structured``: it has O-words or M98 or M99, so that lines may run more than once."""
 
-    def __init__(self, text: str, name: str) -> None:
+    def __init__(self, text: str, name: str, dialect: Dialect) -> None:
         self.name = name
+        self.dialect = dialect
         self.lines = split_lines(text)
-        self.structured = _FLOW.search(text.replace("\r\n", "\n").replace("\r", "\n")) is not None
+        plain = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+        self.structured = _FLOW.search(plain) is not None
+        if dialect.macro_b and _MACRO_FLOW.search(plain) is not None:
+            self.structured = True
+        self.notes: dict[int, tuple[GcodeError, ...]] = {}
+        self.sequences: dict[str, int] = {}
         self.faults: list[Fault] = []
+        self.broken: set[int] = set()
         self.subs: dict[str, Construct] = {}
         self.labels: dict[str, int] = {}
         self.at: dict[int, Construct] = {}
         self._read: dict[int, Line | None] = {}
-        self.first, self.stop = _percent_range(self.lines)
+        self.first, self.stop = _percent_range(self.lines, dialect)
         if self.structured:
             self._build()
 
     def line(self, index: int) -> Line | None:
         """The line at ``index`` as read; None if it is blank. Raises ``GcodeError``, for a faulty line each time."""
-        if not self.structured:
-            return _scan(self.lines[index], index)
-        if index not in self._read:
-            self._read[index] = _scan(self.lines[index], index)
-        return self._read[index]
+        if self.structured and index in self._read:
+            return self._read[index]
+        read = read_line(self.lines[index], index + 1, self.dialect)
+        if read.warnings:
+            self.notes[index] = read.warnings
+        if self.structured:
+            self._read[index] = read.line
+            if read.line is not None and read.line.sequence is not None:
+                self.sequences.setdefault(read.line.sequence.lstrip("0") or "0", index)
+        return read.line
 
     def _build(self) -> None:
         """Reads all lines up to the closing percent sign and matches the O-words."""
@@ -83,10 +101,11 @@ class Program:
                     self._match(open_, index, line.statement)
                 except GcodeError as error:
                     self.faults.append(Fault(index, error))
+                    self.broken.add(index)
             if not open_ and _END.match(text):
                 ended = True
         for construct in open_:
-            closer = OPENERS[construct.kind]
+            closer = OPENERS.get(construct.kind) or CLOSED_BY[construct.kind]
             unclosed = GcodeError(
                 "GC082",
                 f"O{construct.label} {construct.kind.upper()} has no {closer.upper()}",
@@ -99,7 +118,15 @@ class Program:
 
     def _match(self, open_: list[Construct], index: int, statement: Statement) -> None:
         keyword, label = statement.keyword, statement.label
-        if keyword == "":
+        if keyword in {"mwhile", "mdo"}:
+            construct = Construct(keyword, label, index)
+            open_.append(construct)
+            self.at[index] = construct
+        elif keyword == "mend":
+            self._end_macro_loop(open_, index, statement)
+        elif keyword in {"goto", "ifgoto", "ifthen"}:
+            pass
+        elif keyword == "":
             self.labels.setdefault(label, index)
         elif keyword == "while" and open_ and open_[-1].kind == "do" and open_[-1].label == label:
             self._close(open_, index)
@@ -123,6 +150,16 @@ class Program:
             raise GcodeError(
                 "GC081", "RETURN outside a subprogram", "it belongs between SUB and ENDSUB", statement.span
             )
+
+    def _end_macro_loop(self, open_: list[Construct], index: int, statement: Statement) -> None:
+        if not open_ or open_[-1].kind not in {"mwhile", "mdo"} or open_[-1].label != statement.label:
+            raise GcodeError(
+                "GC081",
+                f"END{statement.label} without DO{statement.label}",
+                "loops must lie inside each other",
+                statement.span,
+            )
+        self._close(open_, index)
 
     def _open(self, open_: list[Construct], index: int, kind: str, label: str, statement: Statement) -> None:
         construct = Construct(kind, label, index)
@@ -168,21 +205,18 @@ def _check_closes(open_: list[Construct], keyword: str, label: str, statement: S
     raise GcodeError(
         "GC081",
         f"O{label} {keyword.upper()} does not match O{inner.label} {inner.kind.upper()} of line {inner.start + 1}",
-        f"the open block wants O{inner.label} {OPENERS[inner.kind].upper()}",
+        f"the open block wants O{inner.label} {(OPENERS.get(inner.kind) or CLOSED_BY[inner.kind]).upper()}",
         statement.span,
     )
 
 
-def _scan(text: str, index: int) -> Line | None:
-    stripped = text.strip()
-    return None if not stripped or stripped == "%" else scan_line(text, index + 1)
-
-
-def _percent_range(lines: list[str]) -> tuple[int, int]:
+def _percent_range(lines: list[str], dialect: Dialect) -> tuple[int, int]:
     """First line of the program and the one after its last: inside the percent signs, if the file begins with one."""
     for index, line in enumerate(lines):
         stripped = line.strip()
         if stripped == "%":
+            if dialect.lenient:
+                return index + 1, _last_percent(lines, index)
             for stop in range(index + 1, len(lines)):
                 if lines[stop].strip() == "%":
                     return index + 1, stop
@@ -190,6 +224,17 @@ def _percent_range(lines: list[str]) -> tuple[int, int]:
         if stripped:
             return 0, len(lines)
     return 0, len(lines)
+
+
+def _last_percent(lines: list[str], first: int) -> int:
+    """Lenient dialects have percent signs in the middle: the last one counts, if nothing but blank lines follows it."""
+    for stop in range(len(lines) - 1, first, -1):
+        stripped = lines[stop].strip()
+        if stripped == "%":
+            return stop
+        if stripped:
+            break
+    return len(lines)
 
 
 def has_percent(program: Program) -> bool:

@@ -26,9 +26,9 @@ MAX_LINE = 255
 """Longest line of LinuxCNC; longer ones are refused there and warned of in other dialects."""
 
 
-def scan_line(text: str, number: int) -> Line:
-    """Reads a line. Raises ``GcodeError`` placed by a compact span."""
-    line, comments = compact(text)
+def scan_line(text: str, number: int, *, lenient: bool = False) -> Line:
+    """Reads a line. Raises ``GcodeError`` placed by a compact span. lenient: see ``compact``."""
+    line, comments = compact(text, lenient=lenient)
     comment = comments[-1] if comments else None
     at = 0
     delete = 0

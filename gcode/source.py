@@ -26,8 +26,11 @@ def split_lines(text: str) -> list[str]:
     return lines
 
 
-def compact(text: str) -> tuple[str, list[str]]:
-    """The compact form of a source line and the texts of its parenthesised comments. Raises ``GcodeError``."""
+def compact(text: str, *, lenient: bool = False) -> tuple[str, list[str]]:
+    """The compact form of a source line and the texts of its parenthesised comments. Raises ``GcodeError``.
+
+    lenient: an open comment ends with the line, and a comment may hold another one.
+    """
     if "(" not in text and ";" not in text:
         return text.translate(_DELETE_BLANKS).lower(), []
     pieces: list[str] = []
@@ -45,10 +48,12 @@ def compact(text: str) -> tuple[str, list[str]]:
         pieces.append(text[at:opened].translate(_DELETE_BLANKS).lower())
         closed = text.find(")", opened)
         start = len("".join(pieces))
+        if lenient:
+            closed = _matching(text, opened)
         if closed < 0:
             raise GcodeError("GC002", "the comment is not closed", "close it with ')' on this line", (start, start + 1))
         nested = text.find("(", opened + 1, closed)
-        if nested >= 0:
+        if nested >= 0 and not lenient:
             raise GcodeError(
                 "GC003",
                 "a comment inside a comment",
@@ -59,6 +64,16 @@ def compact(text: str) -> tuple[str, list[str]]:
         pieces.append(COMMENT_MARK)
         at = closed + 1
     return "".join(pieces), comments
+
+
+def _matching(text: str, opened: int) -> int:
+    """The parenthesis that closes the one at ``opened``, counting inner ones; the end of the line if none does."""
+    depth = 0
+    for index in range(opened, len(text)):
+        depth += (text[index] == "(") - (text[index] == ")")
+        if depth == 0:
+            return index
+    return len(text)
 
 
 def columns(text: str, start: int, end: int) -> tuple[int, int]:
