@@ -85,7 +85,7 @@ def test_unpaced_answers_at_once_and_motion_follows_the_clock(rig):
                 break
         assert len(reply) == 2
         assert sim.world.now_ns - (clock.time_ns - 5_000 * MS) <= 2 * AHEAD_NS
-    turn(port, clock, 20)
+    turn(port, clock, 50)
     assert sim.world.now_ns == clock.time_ns - 5_000 * MS
 
 
