@@ -7,20 +7,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from nmc.budget import BusTiming
 from nmc.bus import Bus
 from nmc.executor import play
+from nmc.picservo import Gains, PicServo
 from nmc.program import Exchange
 from nmc.setup import ModuleExpectation, start_up
-from planner.motors import StepMotor
+from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import speed_mode_for
-from planner.stream import Profile, StreamCounts, make_source
+from planner.stream import Profile, StreamCounts, lead_in_ns, make_source
 from planner.types import Trajectory
 from sim.build import Simulation, build
-from sim.compare import Contour, Reference, compare
-from sim.pulses import StepRuns
-from sim.spec import BusSpec, StepModule
+from sim.compare import Contour, Reference, compare_pins
+from sim.pulses import Pins, ServoTrack, StepRuns, pins
+from sim.spec import BusSpec, ServoModule, ServoPlant, StepModule
+from sim.trace import Trace
 
 MODE_BITS = {8: 0, 4: 1, 2: 2, 1: 3}
 """Set Parameters, bits 1 and 0 (PIC-STEP data sheet, section 5.1)."""
@@ -28,7 +31,7 @@ MODE_BITS = {8: 0, 4: 1, 2: 2, 1: 3}
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the host does not control. Jitter in ms before every packet, crystals in ppm, delays as the sheets leave them."""
+    """What the host does not control: jitter before every packet, crystals, delays where the sheets are silent."""
 
     jitter_ms: float = 0.0
     crystal_ppm: float = 100.0
@@ -36,7 +39,9 @@ class Conditions:
     seed: int = 1
     steps_per_mm: float = 200.0
     speed_max_mm_s: float = 60.0
-    ppm_known: bool = False
+    servos: tuple[str, ...] = ()
+    counts_per_mm: float = 400.0
+    gains: tuple[int, int, int, int] = (400, 4800, 200, 4000)
 
 
 @dataclass(frozen=True)
@@ -44,29 +49,35 @@ class Outcome:
     """Everything that the tables print of one run."""
 
     contour: Contour
+    shaft: Contour
     counts: StreamCounts
     violations: dict[str, int]
     bus_share: float
     packets: int
 
 
-def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, Bus, list[StepMotor]]:
-    """A bus of one PIC-STEP an axis, started up, parameters set, amplifiers on."""
-    modules = tuple(
-        StepModule(
-            name,
-            crystal_ppm_max=conditions.crystal_ppm,
-            start_delay_max_ns=round(conditions.start_delay_ms * 1e6),
-        )
-        for name in axes
-    )
+def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, Bus, list[Motor]]:
+    """One bus, one module an axis, started up, parameters or gains set, amplifiers on."""
     jitter_ns = round(conditions.jitter_ms * 1e6)
-    simulation = build([BusSpec("main", modules, host_jitter_max_ns=jitter_ns)], conditions.seed)
-    bus = Bus(simulation.links[0])
-    start_up(bus, [ModuleExpectation("pic-step", name=name) for name in axes])
+    modules: list[StepModule | ServoModule] = []
+    for name in axes:
+        if name in conditions.servos:
+            plant = ServoPlant(lines_per_rev=500)
+            modules.append(ServoModule(name, crystal_ppm_max=conditions.crystal_ppm, plant=plant))
+        else:
+            delay_ns = round(conditions.start_delay_ms * 1e6)
+            modules.append(StepModule(name, crystal_ppm_max=conditions.crystal_ppm, start_delay_max_ns=delay_ns))
+    simulation = build([BusSpec("main", tuple(modules), host_jitter_max_ns=jitter_ns)], conditions.seed)
+    bus = Bus(simulation.links[0], host_latency_ns=max(jitter_ns, 1_000_000))
+    chips = ["pic-servo" if name in conditions.servos else "pic-step" for name in axes]
+    start_up(bus, [ModuleExpectation(chip, name=name) for chip, name in zip(chips, axes, strict=True)])
     mode = speed_mode_for(conditions.speed_max_mm_s * conditions.steps_per_mm)
-    motors = []
+    motors: list[Motor] = []
     for address, name in enumerate(axes, start=1):
+        if name in conditions.servos:
+            PicServo(bus, address).set_gain(Gains(*conditions.gains, position_error_limit=4000))
+            motors.append(ServoMotor(name, name, 0, address, conditions.counts_per_mm))
+            continue
         bus.exchange(Exchange(address, 0x6, bytes((MODE_BITS[mode], 1, 200, 50, 0))))
         bus.exchange(Exchange(address, 0x7, b"\x01"))
         motors.append(StepMotor(name, name, 0, address, conditions.steps_per_mm, mode))
@@ -74,7 +85,7 @@ def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, B
 
 
 def stream(trajectory: Trajectory, conditions: Conditions, profile: Profile = "group") -> Outcome:
-    """Play the trajectory and compare the pins with it."""
+    """Play the trajectory and compare what came out with it."""
     simulation, bus, motors = bring_up(trajectory.axes, conditions)
     link = bus.link
     timing = BusTiming.at(
@@ -83,7 +94,7 @@ def stream(trajectory: Trajectory, conditions: Conditions, profile: Profile = "g
         start_delay_max_ns=round(conditions.start_delay_ms * 1e6),
     )
     begin_ns, bytes_before = link.now_ns(), bus.counters.bytes_out + bus.counters.bytes_in
-    start_ns = begin_ns + 50_000_000
+    start_ns = begin_ns + lead_in_ns(motors, timing)
     source = make_source(trajectory, motors, timing=timing, start_ns=start_ns, profile=profile)
     packets = sum(1 for _ in play(bus, source))
     end_ns = link.now_ns()
@@ -91,16 +102,34 @@ def stream(trajectory: Trajectory, conditions: Conditions, profile: Profile = "g
     link.sleep_until(end_ns + 200_000_000)
     trace = simulation.trace()
     t = np.append(np.arange(0.0, trajectory.duration_s, 1e-3), trajectory.duration_s)
-    runs = StepRuns(
-        trace.run_axis, trace.run_first_ns, trace.run_period_ns, trace.run_count, trace.run_dir, trace.start_steps
-    )
-    scale = np.full(len(motors), conditions.steps_per_mm)
     reference = Reference(trajectory.axes, t, trajectory.q(t), trajectory.line(t))
-    contour = compare(reference, runs, trajectory.axes, trajectory.axes, scale, start_ns)
+    scale = np.array([m.steps_per_unit if isinstance(m, StepMotor) else m.counts_per_unit for m in motors])
+    commanded, shaft = (
+        compare_pins(reference, _pins(trace, which), trajectory.axes, trajectory.axes, scale, start_ns)
+        for which in (trace.servo_command, trace.servo_position)
+    )
     return Outcome(
-        contour=contour,
+        contour=commanded,
+        shaft=shaft,
         counts=source.counts(),
         violations=dict(Counter(v.rule for v in simulation.violations)),
         bus_share=bytes_used * timing.byte_ns / max(end_ns - begin_ns, 1),
         packets=packets,
     )
+
+
+def _pins(trace: Trace, servo_counts: npt.NDArray[np.int32]) -> Pins:
+    """Pins of a trace with either the command or the shaft of its servos.
+
+    The chip shows whole counts; while they change, the truth lies half a count above on average.
+    """
+    runs = StepRuns(
+        trace.run_axis, trace.run_first_ns, trace.run_period_ns, trace.run_count, trace.run_dir, trace.start_steps
+    )
+    tracks = []
+    for motor in np.unique(trace.servo_axis):
+        mine = trace.servo_axis == motor
+        counts = servo_counts[mine]
+        changes = np.diff(counts, prepend=counts[0]) != 0
+        tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts + 0.5 * changes))
+    return pins(runs, tracks)

@@ -20,3 +20,20 @@ class StepMotor:
     steps_per_unit: float
     speed_mode: int
     crystal_ppm: int = 100
+
+
+@dataclass(frozen=True, slots=True)
+class ServoMotor:
+    """A DC servo on a PIC-SERVO with servo rate divisor 1.
+
+    axis: planned axis that it follows. counts_per_unit: signed, encoder counts/mm or counts/deg.
+    """
+
+    name: str
+    axis: str
+    bus: int
+    address: int
+    counts_per_unit: float
+
+
+Motor = StepMotor | ServoMotor

@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
-from planner.motors import StepMotor
+from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import NS_PER_S
 from planner.steptrain import StepTrain
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
 from planner.stream_group import GroupSchedule
+from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-Profile = Literal["auto", "group", "adaptive"]
-SCHEDULES: dict[str, type[StepSchedule]] = {
-    "auto": GroupSchedule,
-    "group": GroupSchedule,
-    "adaptive": AdaptiveSchedule,
-}
+Profile = Literal["auto", "group", "adaptive", "stop-here", "smooth"]
+PROFILES: tuple[str, ...] = get_args(Profile)
 LEAD_IN_NS = 50_000_000
 """Time between the first exchange and t = 0 of the plan: room to load every axis before the first Start."""
 
@@ -52,24 +49,15 @@ class StreamCounts:
     slice_ms: float
 
 
-class StepSource:
-    """An ``nmc.program.ExchangeSource`` for the PIC-STEPs of one bus."""
+class StreamSource:
+    """An ``nmc.program.ExchangeSource`` for the motors of one bus."""
 
-    def __init__(
-        self,
-        trajectory: Trajectory,
-        motors: Sequence[StepMotor],
-        timing: BusTiming,
-        start_ns: int,
-        schedule: type[StepSchedule],
-    ) -> None:
+    def __init__(self, trajectory: Trajectory, stream: StepSchedule, start_ns: int) -> None:
         self.trajectory = trajectory
         self.plan_start_ns = start_ns
-        axes = [StepAxis(StepTrain(trajectory, motor), timing, start_ns) for motor in motors]
-        self._stream = schedule(axes, timing, motors[0].bus)
-        self._run = self._stream.run()
+        self._stream = stream
+        self._run = stream.run()
         self._now_ns = 0
-        self._streaming_ns = 0
 
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
         """The next exchange, or None when every leg is done."""
@@ -102,14 +90,21 @@ class StepSource:
         return replace(exchange, line=line)
 
 
+def lead_in_ns(motors: Sequence[Motor], timing: BusTiming) -> int:
+    """Time that a stream needs between its first exchange and t = 0: first loads, and locking onto servo clocks."""
+    locks = sum((LOCK_EXCHANGES + 1) * timing.worst_ns(STOP_HERE_BYTES) for m in motors if isinstance(m, ServoMotor))
+    return LEAD_IN_NS + locks
+
+
 def make_source(
-    trajectory: Trajectory, motors: Sequence[StepMotor], *, timing: BusTiming, start_ns: int, profile: Profile = "auto"
-) -> StepSource:
+    trajectory: Trajectory, motors: Sequence[Motor], *, timing: BusTiming, start_ns: int, profile: Profile = "auto"
+) -> StreamSource:
     """A stream of ``trajectory`` for the motors of one bus.
 
     All modules must rest, parked (see ``planner.stream_regroup``), with their counters at the trajectory's first
-    position. start_ns: link time of t = 0; leave ``LEAD_IN_NS`` before it. Source of the profile: the design's decision
-    on streaming; ``auto`` takes ``group``.
+    position and servos enabled. start_ns: link time of t = 0; leave ``lead_in_ns`` before it. profile: of the steppers
+    ``group`` or ``adaptive``, of the servos ``stop-here`` or ``smooth``; a name of one kind leaves the other at its
+    default, and on a bus with servos the steppers are always led ``adaptive``.
 
     Raises:
         StreamError: from ``next``, when a reply contradicts the twins: the machine must be stopped.
@@ -117,6 +112,15 @@ def make_source(
     """
     if len({motor.bus for motor in motors}) != 1:
         raise ValueError("a source drives the motors of one bus")
-    if profile not in SCHEDULES:
-        raise ValueError(f"profile {profile!r} is not offered for PIC-STEP axes")
-    return StepSource(trajectory, motors, timing, start_ns, SCHEDULES[profile])
+    if profile not in PROFILES:
+        raise ValueError(f"profile {profile!r} is not offered ({', '.join(PROFILES)} are)")
+    steppers = [motor for motor in motors if isinstance(motor, StepMotor)]
+    servos = [motor for motor in motors if isinstance(motor, ServoMotor)]
+    axes = [StepAxis(StepTrain(trajectory, motor), timing, start_ns) for motor in steppers]
+    if not servos and profile != "adaptive":
+        return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
+    schedule = AdaptiveSchedule(axes, timing, motors[0].bus)
+    lane = SmoothLane if profile == "smooth" else StopHereLane
+    for motor in servos:
+        schedule.add_servo(lane(trajectory, motor, schedule, start_ns))
+    return StreamSource(trajectory, schedule, start_ns)

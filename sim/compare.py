@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sim.pulses import F8, Pulses, StepRuns, pulses
+from sim.pulses import F8, Pins, StepRuns, pins
 
 WINDOW_S = 0.12
 MOVING_UNITS_S = 0.5
@@ -64,54 +64,66 @@ def compare(
     steps_per_unit: F8,
     plan_start_ns: int,
 ) -> Contour:
-    """Compare pins with plan.
+    """Compare the pulses of steppers with the plan; see ``compare_pins``."""
+    return compare_pins(reference, pins(runs), motors, motor_axis, steps_per_unit, plan_start_ns)
 
-    motors: names in the order of ``runs.axis``; motor_axis: the planned axis each follows; steps_per_unit f8[motors],
-    signed. plan_start_ns: trace time of the plan's t = 0.
+
+def compare_pins(
+    reference: Reference,
+    out: Pins,
+    motors: tuple[str, ...],
+    motor_axis: tuple[str, ...],
+    per_unit: F8,
+    plan_start_ns: int,
+) -> Contour:
+    """Compare where the motors stood with where the plan wanted them.
+
+    motors: names in the order of the columns of ``out``; motor_axis: the planned axis each follows; per_unit
+    f8[motors]: steps or counts per unit, signed. plan_start_ns: trace time of the plan's t = 0. What came before that,
+    such as a servo finding its place, is not judged.
     """
-    pins = pulses(runs)
     column = [reference.axes.index(axis) for axis in motor_axis]
     planned = reference.q[:, column]
-    knots = planned * steps_per_unit
-    time_s = (pins.time_ns - plan_start_ns) * 1e-9
-    last = pins.position_steps[-1] if len(time_s) else runs.start_steps
+    knots = planned * per_unit
+    judged = out.time_ns >= plan_start_ns
+    out = Pins(out.time_ns[judged], out.position[judged])
+    time_s = (out.time_ns - plan_start_ns) * 1e-9
     wanted = np.floor(knots[-1] + 0.5).astype(np.int64)
-    end_error = {name: int(last[m] - wanted[m]) for m, name in enumerate(motors)}
     if not len(time_s):
         zero = Spread(0.0, 0.0, 0.0)
-        return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, end_error, 0, 0.0)
-    in_steps, nearest_s = _distance(pins, time_s, reference.t_s, knots, np.ones(len(motors)))
-    in_units, _ = _distance(pins, time_s, reference.t_s, planned, 1.0 / steps_per_unit)
+        start = np.floor(knots[0] + 0.5).astype(np.int64)
+        missing = {name: int(start[m] - wanted[m]) for m, name in enumerate(motors)}
+        return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, missing, 0, 0.0)
+    end_error = {name: round(float(out.position[-1, m])) - int(wanted[m]) for m, name in enumerate(motors)}
+    in_steps, nearest_s = _distance(out.position, time_s, reference.t_s, knots)
+    in_units, _ = _distance(out.position / per_unit, time_s, reference.t_s, planned)
     worst = int(np.argmax(in_steps))
     lag = (time_s - nearest_s)[_moving(reference, time_s)] * 1e3
+    at = min(int(np.searchsorted(reference.t_s, time_s[worst])), len(reference.line) - 1)
     return Contour(
-        sim_time_s=_sim_time(time_s, reference, knots),
+        sim_time_s=_sim_time(out, time_s, reference, knots),
         contour_um=_spread(in_units * 1e3),
         contour_steps=_spread(in_steps),
-        program_um=_program_error(pins, time_s, reference, column, steps_per_unit) * 1e3,
+        program_um=_program_error(out.position / per_unit, time_s, reference, column) * 1e3,
         lag_ms_max=float(np.max(np.abs(lag), initial=0.0)),
         lag_ms_rms=float(np.sqrt(np.mean(lag**2))) if len(lag) else 0.0,
         end_error_steps=end_error,
-        worst_line=int(
-            reference.line[min(int(np.searchsorted(reference.t_s, time_s[worst])), len(reference.line) - 1)]
-        ),
+        worst_line=int(reference.line[at]),
         worst_time_s=float(time_s[worst]),
     )
 
 
-def _distance(pins: Pulses, time_s: F8, knots_s: F8, knots: F8, scale: F8) -> tuple[F8, F8]:
+def _distance(position: F8, time_s: F8, knots_s: F8, knots: F8) -> tuple[F8, F8]:
     from sim.compare_kernel import distances
 
     first = np.maximum(np.searchsorted(knots_s, time_s - WINDOW_S) - 1, 0)
     last = np.minimum(np.searchsorted(knots_s, time_s + WINDOW_S) + 1, len(knots_s) - 1)
     first = np.minimum(first, last - 1)
-    distance, nearest_s = distances(
-        time_s, pins.position_steps * scale, first, last, knots_s, np.ascontiguousarray(knots)
-    )
+    distance, nearest_s = distances(time_s, position, first, last, knots_s, np.ascontiguousarray(knots))
     return distance, nearest_s
 
 
-def _program_error(pins: Pulses, time_s: F8, reference: Reference, column: list[int], steps_per_unit: F8) -> float:
+def _program_error(position: F8, time_s: F8, reference: Reference, column: list[int]) -> float:
     """Largest distance of the pins from the programmed polyline, in units; 0 if none was given."""
     if reference.programmed is None or len(reference.programmed) < 2:
         return 0.0
@@ -122,9 +134,7 @@ def _program_error(pins: Pulses, time_s: F8, reference: Reference, column: list[
     lower = np.clip(np.searchsorted(reference.t_s, time_s - WINDOW_S) - 1, 0, len(segment) - 1)
     upper = np.clip(np.searchsorted(reference.t_s, time_s + WINDOW_S), 0, len(segment) - 1)
     index_s = np.arange(len(polyline), dtype=np.float64)
-    distance, _ = distances(
-        time_s, pins.position_steps / steps_per_unit, segment[lower], segment[upper] + 1, index_s, polyline
-    )
+    distance, _ = distances(time_s, position, segment[lower], segment[upper] + 1, index_s, polyline)
     return float(distance.max())
 
 
@@ -136,11 +146,13 @@ def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:
     return result
 
 
-def _sim_time(time_s: F8, reference: Reference, knots: F8) -> float:
+def _sim_time(out: Pins, time_s: F8, reference: Reference, knots: F8) -> float:
     """Until the pins stand, plus the rest that the plan prescribes after its own last step."""
-    unfinished = np.flatnonzero(np.any(np.floor(knots + 0.5) != np.floor(knots[-1] + 0.5), axis=1))
-    planned_last = reference.t_s[unfinished[-1] + 1] if len(unfinished) else 0.0
-    return float(time_s[-1] + reference.t_s[-1] - planned_last)
+    planned = np.flatnonzero(np.any(np.floor(knots + 0.5) != np.floor(knots[-1] + 0.5), axis=1))
+    planned_last = reference.t_s[planned[-1] + 1] if len(planned) else 0.0
+    short = np.flatnonzero(np.any(np.rint(out.position) != np.rint(out.position[-1]), axis=1))
+    stands = time_s[min(short[-1] + 1, len(time_s) - 1)] if len(short) else time_s[0]
+    return float(stands + reference.t_s[-1] - planned_last)
 
 
 def _spread(values: F8) -> Spread:

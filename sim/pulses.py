@@ -1,7 +1,8 @@
-"""From step runs to pins: every pulse of every motor in order of time, and where all motors stood after it."""
+"""From a trace to pins: where all motors stood after every pulse, and at every servo tick."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,3 +44,37 @@ def pulses(runs: StepRuns) -> Pulses:
     steps = np.zeros((len(run), len(runs.start_steps)), dtype=np.int64)
     steps[np.arange(len(run)), motor] = runs.direction[run]
     return Pulses(time_ns, motor, np.cumsum(steps, axis=0) + runs.start_steps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ServoTrack:
+    """Samples of one servo: motor index, time_ns i8[S] ascending, position f8[S] in counts (command or shaft)."""
+
+    motor: int
+    time_ns: npt.NDArray[np.int64]
+    position: F8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pins:
+    """Where the motors stood: time_ns f8[K] ascending, position f8[K, M] in steps or counts."""
+
+    time_ns: F8
+    position: F8
+
+
+def pins(runs: StepRuns, servos: Sequence[ServoTrack] = ()) -> Pins:
+    """Steppers after every pulse; servos at every sample, straight in between; all motors at all of these instants."""
+    steps = pulses(runs)
+    if not servos:
+        return Pins(steps.time_ns, steps.position_steps.astype(np.float64))
+    time_ns = np.unique(np.concatenate([steps.time_ns, *(track.time_ns for track in servos)]))
+    position = np.empty((len(time_ns), len(runs.start_steps)))
+    if len(steps.time_ns):
+        after = np.searchsorted(steps.time_ns, time_ns, side="right") - 1
+        position[:] = np.where(after[:, None] >= 0, steps.position_steps[np.maximum(after, 0)], runs.start_steps)
+    else:
+        position[:] = runs.start_steps
+    for track in servos:
+        position[:, track.motor] = np.interp(time_ns, track.time_ns, track.position)
+    return Pins(time_ns, position)

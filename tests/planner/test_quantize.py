@@ -18,7 +18,10 @@ def test_counts_of_the_sheets_formula(mode: int, rate_hz: int, count: int) -> No
     assert z.count_of_period(round(1e9 / rate_hz), mode) == count
 
 
-@pytest.mark.parametrize(("mode", "least_hz", "greatest_hz"), [(1, 9.537, 7267), (2, 19.07, 14205), (4, 38.14, 27174), (8, 76.28, 50000)])
+@pytest.mark.parametrize(
+    ("mode", "least_hz", "greatest_hz"),
+    [(1, 9.537, 7267), (2, 19.07, 14205), (4, 38.14, 27174), (8, 76.28, 50000)],
+)
 def test_range_of_each_speed_mode(mode: int, least_hz: float, greatest_hz: float) -> None:
     shortest, longest = z.period_range_ns(mode)
     assert 1e9 / shortest == pytest.approx(greatest_hz, rel=1e-3)

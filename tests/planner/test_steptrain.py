@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from stream_rig import ClosedForm, circle, line  # type: ignore[import-not-found]
+from stream_rig import ClosedForm, circle, line
 
 from planner.motors import StepMotor
 from planner.steptrain import Leg, StepTrain
@@ -62,7 +62,7 @@ def test_a_wait_longer_than_the_timer_begins_a_new_leg() -> None:
 
 
 def test_a_slow_axis_becomes_single_steps() -> None:
-    slow = legs(line((0.02,), 0.01, 100.0))  # 2 steps/s, below the 19 steps/s of 2x
+    slow = legs(line((0.02,), 0.01))  # 2 steps/s, below the 19 steps/s of 2x
     assert [len(leg) for leg in slow] == [1, 1, 1, 1]
 
 

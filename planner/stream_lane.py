@@ -1,0 +1,136 @@
+"""Lanes: what the adaptive schedule sees of an axis, whatever chip it has, and the lane of a PIC-STEP.
+
+A lane has *appointments* (something must be sent at a certain instant, such as the start of a leg), things that *mend*
+(a load that would keep the axis nearer to its plan, worth so many micrometres) and *chores* for free moments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from nmc.budget import BusTiming
+from planner.stream_axis import StepAxis
+from planner.stream_base import COUNT_BYTES, LEG_BYTES, PREPARE_NS, Said, StepSchedule, Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """What a lane needs to know to judge a load: when it would be sent, and when the next one would be."""
+
+    send_ns: int
+    horizon_ns: int
+
+
+class Lane(Protocol):
+    """One axis of an adaptive stream. All instants are link time in ns."""
+
+    address: int
+
+    @property
+    def moving(self) -> bool:
+        """The axis moves, or may."""
+
+    @property
+    def done(self) -> bool:
+        """Nothing is left to be sent."""
+
+    def settle(self, now_ns: int) -> None:
+        """Take note of what must have happened by now."""
+
+    def appointment_ns(self, horizon_ns: int) -> int | None:
+        """When the next thing that must be on time has to be sent."""
+
+    def keep(self, turn: Turn) -> Stream:
+        """Send it."""
+
+    def worth_um(self, turn: Turn) -> float:
+        """How far from its plan the axis would be at the horizon without a load; 0 if none can or need be sent."""
+
+    def mend(self, turn: Turn) -> Stream:
+        """Send that load."""
+
+    def chore(self, now_ns: int) -> Said:
+        """Send something useful in a free moment."""
+
+    def next_change_ns(self) -> int | None:
+        """When the axis will stop by itself, if it will."""
+
+
+class StepLane:
+    """A PIC-STEP axis in the adaptive stream."""
+
+    def __init__(self, axis: StepAxis, schedule: StepSchedule) -> None:
+        self.axis = axis
+        self.schedule = schedule
+        self.timing: BusTiming = schedule.timing
+        self.address = axis.motor.address
+        self.step_um = 1000.0 / abs(axis.motor.steps_per_unit)
+
+    @property
+    def moving(self) -> bool:
+        """A leg has been started and is not known to be over."""
+        return self.axis.moving
+
+    @property
+    def done(self) -> bool:
+        """No leg runs and none is left."""
+        return not self.axis.moving and self.axis.next_leg() is None
+
+    def settle(self, now_ns: int) -> None:
+        """Close the leg if even the slowest chip has arrived."""
+        self.axis.settle(now_ns)
+
+    def appointment_ns(self, horizon_ns: int) -> int | None:
+        """When the load that begins the next leg has to be sent."""
+        axis = self.axis
+        if axis.moving or axis.next_leg() is None:
+            return None
+        send_ns = axis.lone_start_ns(horizon_ns) - self.schedule.mean_ns(0, LEG_BYTES)
+        return send_ns - self.timing.worst_ns(1) if axis.needs_stop_motor() else send_ns
+
+    def keep(self, turn: Turn) -> Stream:
+        """Begin the leg, or send the Stop Motor that has to come before."""
+        axis, schedule = self.axis, self.schedule
+        if (yield from schedule.stop_motor(axis)):
+            return
+        execute_ns = schedule.mean_ns(turn.send_ns, LEG_BYTES)
+        data, load = axis.leg_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
+        evidence = yield schedule.load(axis, data, turn.send_ns)
+        schedule.expect_rest(axis, evidence)
+        axis.executed(load, *schedule.window(evidence))
+
+    def worth_um(self, turn: Turn) -> float:
+        """See ``StepAxis.urgency_steps``; 0 if the fastest chip might have arrived when the load comes."""
+        axis, schedule = self.axis, self.schedule
+        latest_ns = schedule.latest_ns(turn.send_ns, COUNT_BYTES)
+        if not axis.surely_moving_at(latest_ns):
+            return 0.0
+        execute_ns = schedule.mean_ns(turn.send_ns, COUNT_BYTES)
+        return axis.urgency_steps(execute_ns, turn.horizon_ns, latest_ns - execute_ns) * self.step_um
+
+    def mend(self, turn: Turn) -> Stream:
+        """A count-only load, started at once."""
+        axis, schedule = self.axis, self.schedule
+        execute_ns = schedule.mean_ns(turn.send_ns, COUNT_BYTES)
+        data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
+        evidence = yield schedule.load(axis, data, turn.send_ns)
+        schedule.expect_moving(axis, evidence)
+        axis.executed(load, *schedule.window(evidence))
+
+    def chore(self, now_ns: int) -> Said:
+        """Stop Motor before a reversal; the moving bit of an axis that has probably arrived."""
+        axis = self.axis
+        first = axis.first_step_ns()
+        if first is None or first - now_ns > PREPARE_NS:
+            return False
+        if axis.likely_stopped_at(now_ns):
+            yield from self.schedule.ask(axis)
+            return True
+        if axis.moving:
+            return False
+        return (yield from self.schedule.stop_motor(axis))
+
+    def next_change_ns(self) -> int | None:
+        """When even the slowest chip has arrived."""
+        return self.axis.twin.surely_stopped_from_ns() + 1 if self.axis.moving else None
