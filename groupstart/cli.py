@@ -20,6 +20,7 @@ VERBS: dict[str, str] = {
     "preview": "Draw the path of a program.",
     "verify": "Run a program on the simulated machine and judge it.",
     "run": "Run a program: on the simulated machine, or on a port.",
+    "sim": "Serve a simulated machine on a pseudo-terminal.",
     "machines": "List, show and check machine files.",
     "dump": "Decode captured bus bytes into packets.",
 }

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from machines.schema import MachineConfig
 from machines.wiring import motor_tables, servo_tables
-from planner.stream import SCHEDULES
+
+STEP_PROFILES = ("group", "adaptive")
 
 
 def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> str:
     """The profile to stream with. Raises ValueError for one that PIC-STEP axes do not offer."""
     if wanted != "auto":
-        if wanted not in SCHEDULES:
-            offered = ", ".join(name for name in SCHEDULES)
-            raise ValueError(f"profile {wanted} is not offered for PIC-STEP axes; offered: {offered}")
+        if wanted not in STEP_PROFILES:
+            raise ValueError(f"profile {wanted} is not offered for PIC-STEP axes; offered: {', '.join(STEP_PROFILES)}")
         return wanted
     latches = (
         {config.sim.count_latch} if simulated else {table.count_latch for _, table in motor_tables(config).values()}

@@ -11,26 +11,42 @@ exception in the middle of one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.homing import Homed, home_servo, home_stepper
 from machines.patience import PatientSource
 from machines.profiles import choose_profile
-from machines.schema import MachineConfig
+from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
 from machines.wiring import bus_timing, motor_tables, step_motors
 from nmc.errors import NmcError
 from nmc.executor import play
-from nmc.program import Evidence
-from planner.stream import LEAD_IN_NS, Profile, Progress, StepSource, make_source
+from nmc.picservo import PicServo
+from nmc.picstep import PicStep
+from nmc.program import Evidence, ExchangeSource
+from planner.stream import LEAD_IN_NS, Profile, Progress, StreamCounts, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
 
 PROGRESS_EVERY_NS = 100_000_000
+
+
+class RunSource(ExchangeSource, Protocol):
+    """A stream that tells where it is."""
+
+    plan_start_ns: int
+
+    def progress(self) -> Progress:
+        """Where the plan stands."""
+
+    def counts(self) -> StreamCounts:
+        """Slices so far."""
+
 
 Note = Callable[..., None]
 """``note(event, time_ns, **fields)``: something happened."""
@@ -149,7 +165,7 @@ class Session:
         if self.state is not State.IDLE:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
-        source: StepSource | None = None
+        source: RunSource | None = None
         try:
             source = self._source(trajectory, profile)
             finished, statistics = self._stream(source, progress or _nothing, stop_requested)
@@ -172,6 +188,37 @@ class Session:
             statistics=statistics,
         )
 
+    def home(self, axes: Sequence[str]) -> list[Homed]:
+        """Home axes one after another, in the order given. Raises SessionError after stopping everything."""
+        if self.state is not State.IDLE:
+            raise SessionError(f"the machine is {self.state.value}, not idle")
+        self._change(State.HOMING)
+        done: list[Homed] = []
+        try:
+            for axis in axes:
+                self.note("homing", self.now_ns, axis=axis)
+                homed = self._home_axis(axis)
+                self.note("homed", self.now_ns, axis=axis, spread_steps=homed.spread_steps)
+                done.append(homed)
+        except (NmcError, ValueError) as error:
+            raise SessionError(f"homing {axis}: {error}", self._stop_after_failure(str(error))) from error
+        except BaseException as error:
+            self._stop_after_failure(type(error).__name__)
+            raise
+        self._change(State.IDLE)
+        return done
+
+    def _home_axis(self, axis: str) -> Homed:
+        chip = bringup.drivers(self.connection).get(axis)
+        table = self.config.axis[axis]
+        if any(extra.axis == axis for extra in self.config.motor.values()):
+            raise ValueError("an axis with several motors cannot be homed yet")
+        if isinstance(chip, PicStep) and isinstance(table, StepMotorTable):
+            return home_stepper(self.config, axis, table, chip)
+        if isinstance(chip, PicServo) and isinstance(table, ServoMotorTable):
+            return home_servo(self.config, axis, table, chip)
+        raise ValueError("its chip cannot be homed yet")
+
     def stop(self) -> dict[str, int]:
         """Stop every motor at once; returns the counters read back. Raises SessionError if one cannot be stopped."""
         try:
@@ -188,7 +235,7 @@ class Session:
         if self._connection is not None:
             self._connection.close()
 
-    def _source(self, trajectory: Trajectory, profile: str) -> StepSource:
+    def _source(self, trajectory: Trajectory, profile: str) -> RunSource:
         motors = step_motors(self.config)
         simulated = self.connection.simulation is not None
         timing = bus_timing(self.config, motors[0].bus, simulated)
@@ -199,7 +246,7 @@ class Session:
         )
 
     def _stream(
-        self, source: StepSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]
+        self, source: RunSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]
     ) -> tuple[bool, StreamStatistics]:
         self.note("run_begins", self.now_ns, plan_start_ns=source.plan_start_ns)
         statistics = StreamStatistics()
