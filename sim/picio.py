@@ -52,7 +52,12 @@ class PicIo(nmc.NmcModule):
 
     def pins(self) -> int:
         """Levels of all 12 pins: the outside's on inputs, the module's own on outputs."""
-        return (self.levels & self.direction) | (self.outputs & ~self.direction & _PINS)
+        driven = self.outputs & ~self.direction & _PINS
+        levels = self.levels
+        for follow in self.spec.follows:
+            level = (driven >> follow.output & 1) ^ follow.inverted
+            levels = levels & ~(1 << follow.input) | level << follow.input
+        return (levels & self.direction) | driven
 
     def timer(self) -> int:
         """Counts of the timer; as a counter it counts nothing, because no pulses are modelled."""

@@ -129,10 +129,20 @@ class SimOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class IoFollow:
+    """An actuator with its sensor: input pin ``input`` takes the level of output pin ``output``, or its complement."""
+
+    input: int
+    output: int
+    inverted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class IoModule:
     """A PIC-I/O: 12 pins that are inputs until told otherwise, three A/D inputs, two PWM outputs, a timer.
 
-    inputs: levels that the outside puts on pins 0..11; analog: the A/D inputs, 0..255.
+    inputs: levels that the outside puts on pins 0..11; follows: inputs that actuators on the outputs move;
+    analog: the A/D inputs, 0..255.
     """
 
     name: str
@@ -140,6 +150,7 @@ class IoModule:
     crystal_ppm_max: float = 0.0
     reply_delay_max_ns: int = 500_000
     inputs: int = 0
+    follows: tuple[IoFollow, ...] = ()
     analog: tuple[int, int, int] = (0, 0, 0)
     version: int = 2
 

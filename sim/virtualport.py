@@ -20,6 +20,7 @@ from sim.build import Simulation
 
 AHEAD_NS = 20_000_000
 _LONGEST_WAIT_S = 0.05
+_BREATH_NS = 200_000  # how much to gain before going on when time is as far ahead as it may be
 _CHUNK = 4096
 _RATES = {getattr(termios, f"B{rate}"): rate for rate in (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400)}
 
@@ -78,6 +79,8 @@ class VirtualPort:
         world.run_until(max(world.now_ns, self._wall_ns()))
         if readable:
             self._hear()
+        if self.unpaced:
+            self._hurry()
         self._answer()
 
     def _wall_ns(self) -> int:
@@ -87,6 +90,8 @@ class VirtualPort:
         """How long to wait for the client before something of our own is due."""
         wall_ns, world = self._wall_ns(), self.simulation.world
         due_ns = self._bus.status.due_ns(len(self._bus.status.received) + 1)
+        if self.unpaced and self._answered_ns() > world.now_ns:
+            return max(0.0, (world.now_ns + _BREATH_NS - AHEAD_NS - wall_ns) * 1e-9)
         next_ns = world.next_event_ns() if due_ns is None else min(due_ns, world.next_event_ns())
         return min(_LONGEST_WAIT_S, max(0.0, (next_ns - wall_ns) * 1e-9))
 
@@ -102,15 +107,18 @@ class VirtualPort:
         self._bus.status.settle(world.now_ns)
         self._bus.status.host_baud = baud
         command.transmit(data, world.now_ns, baud)
-        if self.unpaced:
-            self._hurry(command.free_ns)
-            self._hurry(command.hold_until_ns)
-            self._hurry(self._bus.status.busy_until_ns)
 
-    def _hurry(self, until_ns: int) -> None:
+    def _answered_ns(self) -> int:
+        """When the answer to what has been heard will be in, as far as can be foreseen."""
+        command, status = self._bus.command, self._bus.status
+        return max(command.free_ns, command.hold_until_ns, status.busy_until_ns)
+
+    def _hurry(self) -> None:
         """Let time run ahead of the clock, but not far: a long burst still takes its time on the wire."""
         world = self.simulation.world
-        world.run_until(max(world.now_ns, min(until_ns, self._wall_ns() + AHEAD_NS)))
+        ahead_ns = self._wall_ns() + AHEAD_NS
+        while world.now_ns < min(self._answered_ns(), ahead_ns):
+            world.run_until(min(self._answered_ns(), ahead_ns))
 
     def _answer(self) -> None:
         status = self._bus.status

@@ -1,7 +1,7 @@
 """PIC-I/O as a small module type."""
 
 from sim.rawhost import machine
-from sim.spec import IoModule, ServoModule
+from sim.spec import IoFollow, IoModule, ServoModule
 
 
 def test_pins_outputs_and_latches():
@@ -53,3 +53,12 @@ def test_wrong_commands_are_logged():
     host.exchange(1, 0xD)
     host.exchange(1, 0x6, [1])
     assert [v.rule for v in sim.violations] == ["X-41", "X-40"]
+
+
+def test_inputs_follow_actuators():
+    _, host = machine([IoModule("IO", inputs=0x001, follows=(IoFollow(7, 10), IoFollow(4, 8, inverted=True)))])
+    host.start_up(1)
+    host.exchange(1, 0x0, [0xFF, 0x08])
+    for outputs, seen in ((0x000, 0x011), (0x400, 0x491), (0x100, 0x101)):
+        host.exchange(1, 0x6, outputs.to_bytes(2, "little"))
+        assert host.items(1, 0x01, 2) == seen.to_bytes(2, "little")
