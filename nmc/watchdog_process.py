@@ -137,6 +137,11 @@ class SupervisedLink:
         return self._child is not None and self._child.poll() is None
 
     @property
+    def watchdog_pid(self) -> int:
+        """Process number of the child; 0 without one."""
+        return 0 if self._child is None else self._child.pid
+
+    @property
     def fenced(self) -> bool:
         """The watchdog has taken the bus."""
         return bool(self._words.get(_FENCED))
