@@ -60,7 +60,7 @@ class CommandLine:
         world: World,
         listeners: Sequence[Listener],
         status: StatusLine,
-        sniff: Callable[[int, int], None] | None,
+        sniff: Callable[[Sequence[int], Sequence[int]], None] | None,
         intrude: Callable[[int], None],
     ) -> None:
         self.free_ns = 0
@@ -127,8 +127,7 @@ class CommandLine:
         segment = self._queue.popleft()
         data = segment.data
         if self._sniff is not None:
-            for arrival, value in zip(segment.arrivals, data, strict=True):
-                self._sniff(arrival, value)
+            self._sniff(segment.arrivals, data)
         good = (sum(data[1:-1]) & 0xFF) == data[-1]
         address, command = data[1], data[2]
         payload = bytes(data[3:-1])
@@ -178,7 +177,7 @@ class CommandLine:
         if value < 0:  # lost on the way
             return
         if self._sniff is not None:
-            self._sniff(at_ns, value)
+            self._sniff((at_ns,), (value,))
         start_ns = int(at_ns - BITS_PER_BYTE * 1e9 / segment.baud)
         if self._status.busy_until_ns > start_ns or self.hold_until_ns > start_ns:
             self._intrude(at_ns)

@@ -65,7 +65,7 @@ class PicServo(nmc.NmcModule):
         self._wire_switches()
         self._command = np.zeros(_CHUNK, np.int32)
         self._position = np.zeros(_CHUNK, np.int32)
-        self.samples = ServoSamples([], [], [])
+        self.samples = ServoSamples()
         self._chunk_tick = int(self.n[k.TICK])
         self.pending: _Pending | None = None
         self.power_up()
@@ -114,15 +114,25 @@ class PicServo(nmc.NmcModule):
         while ticks > 0:
             room = _CHUNK - int(n[k.SAMPLES])
             now = min(ticks, room * max(1, self.spec.trace_every))
-            homing, servo = n[k.HOMING], n[k.SERVO_ON]
+            before = n.copy()
             k.run(now, n, self.f, self.switches, self._command, self._position)
-            if homing and not n[k.HOMING]:
-                self._tell(int(n[k.HOMED_TICK]), f"home captured at {int(n[k.HOME])}")
-            if servo and not n[k.SERVO_ON]:
-                self._tell(int(n[k.TICK]), "servo disabled")
+            self._tell_changes(before)
             if n[k.SAMPLES] >= _CHUNK:
                 self.flush_samples()
             ticks -= now
+
+    def _tell_changes(self, before: k.I8) -> None:
+        """Log what the chip did on its own account since ``before``."""
+        n = self.n
+        if before[k.HOMING] and not n[k.HOMING]:
+            self._tell(int(n[k.HOMED_TICK]), f"home captured at {int(n[k.HOME])}")
+        if before[k.SERVO_ON] and not n[k.SERVO_ON]:
+            tripped = n[k.TRIPPED_TICK] > before[k.TRIPPED_TICK]
+            tick = int(n[k.TRIPPED_TICK if tripped else k.TICK])
+            self._tell(tick, "servo disabled: " + ("position error limit" if tripped else "power or homing"))
+        if n[k.FAULTS] > before[k.FAULTS]:
+            lost = int(n[k.FAULTS] - before[k.FAULTS])
+            self._tell(int(n[k.TICK]), f"encoder edges above 500 kHz: counts of {lost} ticks lost")
 
     def _tell(self, tick: int, what: str) -> None:
         self.log.incident(self.clock.ns_of(tick), self.name, what)
@@ -135,9 +145,7 @@ class PicServo(nmc.NmcModule):
         if count:
             ticks = int(n[k.TICK]) - int(n[k.SKIP]) - every * np.arange(count - 1, -1, -1)
             times = self.clock.phase_ns + np.floor(ticks * self.clock.span_ns(1)).astype(np.int64)
-            self.samples.ns.append(times)
-            self.samples.command.append(self._command[:count].copy())
-            self.samples.position.append(self._position[:count].copy())
+            self.samples.add(times, self._command[:count], self._position[:count])
             n[k.SAMPLES] = 0
 
     def inject_overrun(self, extra_ns: int) -> None:

@@ -5,15 +5,18 @@ A run of steps is (first, period, count, direction): pulse k of it rises at ``fi
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sim.clock import ChipClock
+from sim.spool import LIMIT, Spool
+
+IntArray = npt.NDArray[Any]
 
 _FIELDS = {
     "run_axis": "u1",
@@ -39,63 +42,90 @@ class StepRuns:
 
     def __init__(self, clock: ChipClock) -> None:
         self.clock = clock
-        self.first_tick = array("q")
-        self.period_tick = array("q")
-        self.count = array("q")
-        self.direction = array("b")
+        self._columns = [Spool("q"), Spool("q"), Spool("q"), Spool("b")]
+        self._first, self._period, self._count, self._direction = (c.tail for c in self._columns)
         self._next_tick = -1  # where the next pulse of the last run would be
 
     def add(self, first: int, period: int, count: int, direction: int) -> None:
         """Append ``count`` pulses from tick ``first`` on, ``period`` ticks apart; joins the last run if it fits."""
-        if first == self._next_tick and direction == self.direction[-1]:
-            if period == self.period_tick[-1]:
-                self.count[-1] += count
+        if first == self._next_tick and direction == self._direction[-1]:
+            if period == self._period[-1]:
+                self._count[-1] += count
                 self._next_tick += count * period
                 return
             # the pulse that ends the old period still belongs to the old run
-            self.count[-1] += 1
+            self._count[-1] += 1
             first += period
             count -= 1
             if count == 0:
                 self._next_tick = -1
                 return
-        self.first_tick.append(first)
-        self.period_tick.append(period)
-        self.count.append(count)
-        self.direction.append(direction)
+        self._first.append(first)
+        self._period.append(period)
+        self._count.append(count)
+        self._direction.append(direction)
         self._next_tick = first + count * period
+        if len(self._first) >= LIMIT:
+            for column in self._columns:
+                column.settle()
 
     def __len__(self) -> int:
-        return len(self.count)
+        return len(self._columns[0])
+
+    def read(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """First tick, period in ticks, count and direction of every run."""
+        first, period, count, direction = (c.read() for c in self._columns)
+        return first, period, count, direction
 
 
-@dataclass(slots=True)
 class ServoSamples:
     """Command and position of one servo at its ticks, in counts."""
 
-    ns: list[npt.NDArray[np.int64]]
-    command: list[npt.NDArray[np.int32]]
-    position: list[npt.NDArray[np.int32]]
+    def __init__(self) -> None:
+        self._columns = [Spool("q"), Spool("i"), Spool("i")]
+
+    def add(self, ns: IntArray, command: npt.NDArray[np.int32], position: npt.NDArray[np.int32]) -> None:
+        """Append samples: times in ns, command and position in counts."""
+        for column, data in zip(self._columns, (ns.tobytes(), command.tobytes(), position.tobytes()), strict=True):
+            column.tail.frombytes(data)
+            column.settle()
+
+    def __len__(self) -> int:
+        return len(self._columns[0])
+
+    def read(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Times in ns, commands and positions in counts."""
+        ns, command, position = (c.read() for c in self._columns)
+        return ns, command, position
 
 
 class BusLog:
-    """Every byte of one bus at the moment its stop bit ends."""
+    """Every byte of one bus at the moment its stop bit ends. The last thousand and more are always in memory."""
 
     def __init__(self) -> None:
-        self.host_ns = array("q")
-        self.host_byte = array("B")
-        self.status_ns = array("q")
-        self.status_byte = array("B")
+        self._columns = [Spool("q"), Spool("B"), Spool("q"), Spool("B")]
+        self.host_ns, self.host_byte, self.status_ns, self.status_byte = (c.tail for c in self._columns)
 
-    def host(self, time_ns: int, value: int) -> None:
-        """A byte has reached the modules."""
-        self.host_ns.append(time_ns)
-        self.host_byte.append(value)
+    def host(self, times_ns: Sequence[int], values: Sequence[int]) -> None:
+        """Bytes have reached the modules."""
+        self.host_ns.extend(times_ns)
+        self.host_byte.extend(values)
+        if len(self.host_ns) >= LIMIT:
+            self._columns[0].settle()
+            self._columns[1].settle()
 
     def status(self, time_ns: int, value: int) -> None:
         """A byte has reached the host."""
         self.status_ns.append(time_ns)
         self.status_byte.append(value)
+        if len(self.status_ns) >= LIMIT:
+            self._columns[2].settle()
+            self._columns[3].settle()
+
+    def read(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Times and values of the host's bytes, times and values of the modules' bytes."""
+        host_ns, host_byte, status_ns, status_byte = (c.read() for c in self._columns)
+        return host_ns, host_byte, status_ns, status_byte
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,17 +223,15 @@ def collect(
         if name in runs:
             _add_runs(step, number, runs[name])
         if name in servos:
-            sample = servos[name]
-            size = sum(len(x) for x in sample.ns)
-            step["servo_axis"].append(np.full(size, number, "u1"))
-            step["servo_ns"] += sample.ns
-            step["servo_command"] += sample.command
-            step["servo_position"] += sample.position
+            step["servo_axis"].append(np.full(len(servos[name]), number, "u1"))
+            for field, values in zip(("servo_ns", "servo_command", "servo_position"), servos[name].read(), strict=True):
+                step[field].append(values)
     for number, log in enumerate(buses):
-        for line, (ns, value) in enumerate([(log.host_ns, log.host_byte), (log.status_ns, log.status_byte)]):
-            step["bus_ns"].append(np.array(ns, "i8"))
+        host_ns, host_byte, status_ns, status_byte = log.read()
+        for line, (ns, value) in enumerate([(host_ns, host_byte), (status_ns, status_byte)]):
+            step["bus_ns"].append(ns)
             step["bus_line"].append(np.full(len(ns), 2 * number + line, "u1"))
-            step["bus_byte"].append(np.array(value, "u1"))
+            step["bus_byte"].append(value)
     columns = {k: _column(v, _FIELDS[k]) for k, v in step.items()}
     for group, key in (("run_", "run_first_ns"), ("servo_", "servo_ns"), ("bus_", "bus_ns")):
         order = np.argsort(columns[key], kind="stable")
@@ -217,9 +245,9 @@ def collect(
 
 def _add_runs(step: dict[str, list[npt.NDArray[np.generic]]], number: int, runs: StepRuns) -> None:
     clock = runs.clock
-    period = np.array(runs.period_tick, "f8")
+    first, period, count, direction = runs.read()
     step["run_axis"].append(np.full(len(runs), number, "u1"))
-    step["run_first_ns"].append(np.array([clock.ns_of(t) for t in runs.first_tick], "i8"))
+    step["run_first_ns"].append(np.array([clock.ns_of(t) for t in first.tolist()], "i8"))
     step["run_period_ns"].append(period * clock.span_ns(1))
-    step["run_count"].append(np.array(runs.count, "i4"))
-    step["run_dir"].append(np.array(runs.direction, "i1"))
+    step["run_count"].append(count)
+    step["run_dir"].append(direction)
