@@ -27,7 +27,8 @@ def _distance(p: F8, a: F8, b: F8) -> float:
 def follow(q: F8, polyline: F8, segment: int, reach_mm: float) -> tuple[F8, Index]:
     """Distance f8[N] of each sample to the polyline and its segment i8[N], never searched backwards.
 
-    segment: where the first sample is looked for. reach_mm: how far ahead on the polyline each is looked for.
+    segment: where the first sample is looked for. reach_mm: how far ahead on the polyline each is looked for. Of
+    equally near segments the first counts, so a sample before a reversal is not taken for one after it.
     """
     last = len(polyline) - 2
     distance, match = np.empty(len(q)), np.empty(len(q), dtype=np.int64)
@@ -35,7 +36,7 @@ def follow(q: F8, polyline: F8, segment: int, reach_mm: float) -> tuple[F8, Inde
         best, best_at, travelled, i = np.inf, segment, 0.0, segment
         while i <= last:
             d = _distance(q[j], polyline[i], polyline[i + 1])
-            if d < best:
+            if d < best - 1e-9:
                 best, best_at = d, i
             if i > segment:
                 travelled += np.sqrt(((polyline[i + 1] - polyline[i]) ** 2).sum())

@@ -144,10 +144,14 @@ def _blend_share(dt: F8, net_mm: F8, rules: PathRules) -> F8:
     part."""
     if rules.tau_s <= 0:
         return net_mm
+    return np.asarray(np.maximum(net_mm / 2, net_mm - _most_acceleration(dt, rules) * rules.tau_s**2 / 24))
+
+
+def _most_acceleration(dt: F8, rules: PathRules) -> F8:
+    """Largest acceleration f8[K] that the limits allow in the directions ``dt`` f8[K, A]."""
     turn = np.maximum(np.linalg.norm(dt, axis=1), SMOOTH)
     along = np.abs(dt @ rules.rows.T) / turn[:, None]
-    most = (rules.row_acceleration / np.maximum(along, 1e-9)).min(axis=1)
-    return np.asarray(np.maximum(net_mm / 2, net_mm - most * rules.tau_s**2 / 24))
+    return np.asarray((rules.row_acceleration / np.maximum(along, 1e-9)).min(axis=1))
 
 
 def _leads(moves: Moves, arcs: arc.Arcs, ends: _Ends, blend_mm: F8) -> tuple[F8, F8]:
@@ -199,7 +203,7 @@ def _with_legs(
     leg, sharp = _legs(turn, length, fixed, inner, allowed, stop, sharpest)
     move = np.repeat(np.arange(len(moves), dtype=np.int32), np.diff(last, prepend=0))
     miss = np.where(inner | np.isinf(allowed), 0.0, leg * turn / 4)
-    cap = _filter_cap(moves, rules, net_mm, move, (leg, turn, miss))
+    cap = _filter_cap(moves, rules, net_mm, move, (leg, dt, miss))
     feed = moves.feed_mm_s[move] * _feed_scale(moves, rules.axes, arcs)[move]
     vertex_of = np.concatenate([[0], last])
     return Polygon(vertex, leg, turn, stop | sharp, inner, cap, feed, moves.line[move], vertex_of, miss)
@@ -236,16 +240,35 @@ def _legs(
 
 
 def _filter_cap(moves: Moves, rules: PathRules, net_mm: F8, move: I4, bend: tuple[F8, F8, F8]) -> F8:
-    """Cap on s' f8[M + 1] that keeps the jerk filter inside what the blend leaves of the tolerance."""
-    leg, turn, miss = bend
-    if rules.tau_s <= 0:
-        return np.full(len(leg), np.inf)
+    """Cap on s' f8[M + 1] that keeps the jerk filter inside what the blend leaves of the tolerance.
+
+    The filter cuts the vertex by the acceleration in the direction of dt, weighted by (tau / 2 - |t|)^2 / (2 tau):
+    the bend's while it lasts, that of the neighbours in the rest of the window, which is unknown but bounded. Where
+    even the bound everywhere is within the tolerance there is no cap; elsewhere the cap is found by halving.
+    """
+    leg, dt, miss = bend
+    cap = np.full(len(leg), np.inf)
+    tau = rules.tau_s
+    if tau <= 0:
+        return cap
     share = np.where(moves.mode < MODE_CONTINUOUS, rules.tolerance_mm * _usable(rules), net_mm)
-    left = np.maximum(np.append(share[move], share[-1]) - miss, 0.0)
-    left[1:] = np.minimum(left[1:], np.maximum(share[move] - miss[1:], 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cap = np.sqrt(24 * left * 2 * leg / turn) / rules.tau_s
-    return np.asarray(np.where((leg > 0) & (turn > SMOOTH), cap, np.inf))
+    left = np.append(share[move], share[-1])
+    left[1:] = np.minimum(left[1:], share[move])
+    left = np.maximum(left - miss, 0.0)
+    turn = np.linalg.norm(dt, axis=1)
+    most = _most_acceleration(dt, rules)
+    k = np.flatnonzero((leg > 0) & (turn > SMOOTH) & (most * tau**2 / 24 > left))
+    leg, turn, most, left = leg[k], turn[k], most[k], left[k]
+    high = np.sqrt(24 * left * 2 * leg / turn) / tau
+    low = np.zeros(len(k))
+    for _ in range(24):
+        v = (low + high) / 2
+        outside = np.maximum(1 - 2 * leg / np.maximum(v * tau, 1e-12), 0.0) ** 3
+        bent = np.minimum(turn / (2 * leg) * v**2, most)
+        good = (bent * (1 - outside) + most * outside) * tau**2 / 24 <= left
+        low, high = np.where(good, v, low), np.where(good, high, v)
+    cap[k] = low
+    return cap
 
 
 def _feed_scale(moves: Moves, axes: tuple[str, ...], arcs: arc.Arcs) -> F8:
