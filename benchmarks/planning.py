@@ -212,10 +212,8 @@ def _first_window(source: str) -> None:
         path.write_text(source)
         out = subprocess.run([sys.executable, "-c", FIRST, str(path)], capture_output=True, text=True, check=True)
     intervals, cpu = out.stdout.split()
-    print(
     lines = source.count("\n")
     print(f"first window of {lines} lines: {intervals} intervals after {float(cpu):.2f} s CPU of process start")
-    )
 
 
 def _solvers() -> None:
