@@ -33,6 +33,7 @@ class ServoMoves:
         self.chip = chip
         self.goal = 0
         self.velocity = 0
+        self.acceleration = 0
         self.last: Load | None = None
         self.fresh = False
         self.stop_since_load = False
@@ -62,6 +63,7 @@ class ServoMoves:
             at += 4
         if control & PWM:
             load.pwm = data[at]
+        self._keep(load)
         self.last = load
         self.fresh = True
         self.stop_since_load = False
@@ -87,15 +89,19 @@ class ServoMoves:
         if load is not None:
             self._begin(load)
 
+    def _keep(self, load: Load) -> None:
+        """Parameters that are not loaded keep the values that were loaded before, executed or not."""
+        if load.control & POSITION:
+            self.goal = load.position
+        if load.control & VELOCITY:
+            self.velocity = load.velocity
+        if load.control & ACCELERATION:
+            self.acceleration = load.acceleration
+
     def _begin(self, load: Load) -> None:
         n = self.chip.n
         control = load.control
-        if control & POSITION:
-            self.goal = load.position
-        if control & VELOCITY:
-            self.velocity = load.velocity
-        if control & ACCELERATION:
-            n[k.ACCEL] = load.acceleration
+        n[k.ACCEL] = self.acceleration
         if not control & SERVO_MODE:
             self._raw_pwm(load)
         elif control & VELOCITY_MODE:

@@ -85,6 +85,7 @@ class StepLoads:
             count = int.from_bytes(data[at : at + 2], "little")
             load.count = chip.clamp("initial timer count", count, MIN_COUNT, MAX_COUNT)
             load.nearest_speed = min(max(data[at + 2], 1), 250)
+        self._keep(load)
         self.last = load
         self.fresh = True
         self.stop_since_load = False
@@ -129,7 +130,6 @@ class StepLoads:
         if timer.mode != Mode.STOPPED and direction != timer.direction and mode != Mode.TRAP:
             chip.violation("ST-129", "reversal without stopping: load ignored (X-60)")
             return
-        self._keep(load)
         if load.loaded & POSITION and not self._check_goal(mode, load.position, direction):
             return
         if timer.mode == Mode.STOPPED:
@@ -140,7 +140,7 @@ class StepLoads:
         self._set_going(mode, direction)
 
     def _keep(self, load: Load) -> None:
-        """Parameters that are not loaded keep their values (foot of Table 4)."""
+        """Parameters that are not loaded keep the values that were loaded before, executed or not (foot of Table 4)."""
         if load.loaded & POSITION:
             self.goal = load.position
         if load.loaded & SPEED:
@@ -176,10 +176,9 @@ class StepLoads:
         timer = chip.timer
         if mode in (Mode.UNPROFILED, Mode.UNPROFILED_STOP):
             clocks = 65536 - self.count + 2 * chip.speed_mode
-            stop = None
-            if mode == Mode.UNPROFILED_STOP:
-                stop = wrap32(self.goal)
             from_rest = timer.mode == Mode.STOPPED
+            # in motion the stop position is inherited; Table 4 lets none be loaded
+            stop = (wrap32(self.goal) if from_rest else timer.stop_position) if mode == Mode.UNPROFILED_STOP else None
             at_once = (chip.spec.first_pulse if from_rest else chip.spec.count_latch) == "immediate"
             timer.run_count(mode, clocks * timer.prescale, direction, stop, at_once)
             return

@@ -848,3 +848,29 @@ def test_without_amplifier_pulses_move_nothing():
     host.wait_ms(1000)
     assert (chip.position, chip.mechanical_steps) == (100, 0)
     assert rules(sim) == ["X-66"]
+
+
+@item("ST-130", "ST-133")
+def test_an_overwritten_load_leaves_its_values_behind():
+    """ST 5.1: a later load overwrites one that waits; what it does not load is what was loaded before."""
+    sim, host, _ = steppers(mode=0)
+    profile(host, position=5000, speed=100, acceleration=1, start=False)
+    profile(host, position=2000, start=False)
+    host.exchange(1, 0x5)
+    host.wait_ms(1000)
+    assert host.position(1) == 2000
+    assert gaps_ns(sim).min() == pytest.approx(50_000, rel=1e-3)
+    assert rules(sim) == []
+
+
+@item("ST-184", "X-60")
+def test_a_refused_stop_position_changes_nothing_for_later_counts():
+    """Choice: the refused load is ignored, so the stop position that the run began with stays."""
+    sim, host, _ = steppers(mode=0)
+    load_count(host, 64000, position=400)
+    host.wait_ms(20)
+    load_count(host, 64000, position=900)
+    load_count(host, 64500)
+    host.wait_ms(2000)
+    assert host.position(1) == 400
+    assert rules(sim) == ["ST-184"]
