@@ -39,6 +39,7 @@ class VirtualPort:
         self.simulation = simulation
         self.clock = clock
         self.unpaced = unpaced
+        self.answered = 0  # bytes given to the client so far
         self._bus = simulation.buses[bus]
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -124,6 +125,7 @@ class VirtualPort:
         status = self._bus.status
         data = status.take(_CHUNK, self.simulation.world.now_ns)
         if data:
+            self.answered += len(data)
             # a client that does not read loses bytes, as on a wire
             with contextlib.suppress(BlockingIOError, OSError):
                 os.write(self._master, data)
