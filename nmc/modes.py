@@ -155,7 +155,7 @@ class StepTracker(Tracker):
         self.parameters_set = False
         self.reverse: bool | None = None
         self.stop_issued = True  # since the last motion; power-up counts as such
-        self.speed_zeroed = False
+        self.held = 0  # of LOAD_SPEED and LOAD_ACCELERATION: what a started load has given the chip
         self.stopping = False
         self.loaded = 0
         self.loaded_goal: Mode | None = None
@@ -200,13 +200,21 @@ class StepTracker(Tracker):
             raise self.fault(
                 "a count without a position from Stopped runs for ever; say so if it is meant", "5.1 Table 4"
             )
-        if goal is Mode.TRAPEZOID and self.speed_zeroed and not control & LOAD_SPEED:
-            raise self.fault("after a smooth stop a trapezoid needs its speed loaded again", "5.1 Stop Motor")
+        self._check_held(goal, control)
         if control & LOAD_POSITION and self.position is not None:
             distance = int.from_bytes(data[1:5], "little", signed=True) - self.position
             if abs(distance) > POSITION_MAX:
                 raise self.fault(f"the goal is {distance} steps away, more than 0x7FFFFFFF", "5.1 Load Trajectory")
         self._intended = goal
+
+    def _check_held(self, goal: Mode, control: int) -> None:
+        """A profile needs a speed and an acceleration; a load that is overwritten before its start gave none."""
+        if goal not in (Mode.TRAPEZOID, Mode.VELOCITY):
+            return
+        if not (control | self.held) & LOAD_SPEED:
+            raise self.fault("it holds no speed (a smooth stop sets it to 0): load one", "5.1 Stop Motor")
+        if not (control | self.held) & LOAD_ACCELERATION:
+            raise self.fault("it holds no acceleration time: load one", "5.1 Load Trajectory")
 
     def _check_direction(self, goal: Mode, control: int) -> None:
         turns = self.reverse is not None and bool(control & LOAD_REVERSE) != self.reverse
@@ -232,6 +240,8 @@ class StepTracker(Tracker):
             was = self.loaded_goal.name if self.loaded_goal is not None else "nothing"
             now = goal.name if goal is not None else "nothing allowed"
             raise self.fault(f"the pending load meant {was}; from {self.mode.name} it would mean {now}", "5.1 Table 4")
+        if goal is not None:
+            self._check_held(goal, self.loaded)
 
     def _require_sure(self) -> None:
         if self.unsure:
@@ -279,8 +289,7 @@ class StepTracker(Tracker):
         reverse: bool | None = bool(self.loaded & LOAD_REVERSE)
         if goal is Mode.TRAPEZOID:
             reverse = None  # the sign of the distance decides; a trapezoid may follow in any direction
-        if self.loaded & LOAD_SPEED:
-            self.speed_zeroed = False
+        self.held |= self.loaded & (LOAD_SPEED | LOAD_ACCELERATION)
         self.mode, self.reverse, self.stop_issued = goal, reverse, False
         self.position = None
 
@@ -291,7 +300,7 @@ class StepTracker(Tracker):
             self.stop_issued = True
             self.stopping = False
         elif control & STOP_SMOOTHLY:
-            self.speed_zeroed = True
+            self.held &= ~LOAD_SPEED
             self.stop_issued = True
             self.stopping = self.mode is not Mode.STOPPED
 

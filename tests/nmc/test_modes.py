@@ -35,6 +35,8 @@ def in_mode(mode: Mode) -> StepTracker:
     """A tracker that has been led into ``mode`` by legal commands."""
     tracker = StepTracker(1)
     tracker.executed(PARAMETERS, bytes(5))
+    send(tracker, LOAD, load(None, 9, 9, flags=0x80), REST)
+    send(tracker, STOP, b"\x05", REST)
     way = {
         Mode.TRAPEZOID: load(1000, 100, 10),
         Mode.VELOCITY: load(None, 100, 10),
@@ -206,6 +208,19 @@ def test_after_a_smooth_stop_a_trapezoid_needs_its_speed() -> None:
     with pytest.raises(LocalFault, match="speed"):
         tracker.check(LOAD, load(5000))
     send(tracker, LOAD, load(5000, 10), REST)
+
+
+def test_a_profile_needs_a_speed_and_an_acceleration_that_were_started() -> None:
+    tracker = StepTracker(1)
+    tracker.executed(PARAMETERS, bytes(5))
+    with pytest.raises(LocalFault, match="no acceleration"):
+        tracker.check(LOAD, load(1000, 10))
+    send(tracker, LOAD, load(1000, 10, 10), REST)
+    with pytest.raises(LocalFault, match="no speed"):
+        tracker.check(LOAD, load(2000))  # would overwrite the load that brought them
+    send(tracker, START, status=REST)
+    send(tracker, 0xE, status=REST)
+    send(tracker, LOAD, load(2000), REST)
 
 
 def test_goal_distance_is_at_most_the_largest_position() -> None:
