@@ -10,10 +10,11 @@ Source: NIST RS274/NGC version 3, section 4 (canonical machining functions), in 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 AXES = "XYZABCUVW"
 """Order of the coordinates in every ``Position``."""
@@ -217,6 +218,7 @@ class MoveBlock:
 
     kind: u1[N] of ``KIND_*``; line: i4[N]; end: f8[N, len(axes)], machine mm and degrees, the other axes stand;
     feed_mm_s: f8[N]; plane: u1[N], index into ``PLANES``; center: f8[N, 2] and turns: i4[N], of arcs.
+    notes: texts that move nothing, each with the row before which it stands (N: behind the last).
     """
 
     axes: str
@@ -227,6 +229,7 @@ class MoveBlock:
     plane: npt.NDArray[np.uint8]
     center: npt.NDArray[np.float64]
     turns: npt.NDArray[np.int32]
+    notes: tuple[tuple[int, Text], ...] = ()
 
     def __len__(self) -> int:
         return len(self.kind)

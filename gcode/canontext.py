@@ -16,6 +16,7 @@ from gcode.canon import (
     End,
     Feed,
     Message,
+    MoveBlock,
     Nurbs,
     Output,
     PathControl,
@@ -32,6 +33,7 @@ from gcode.canon import (
     ToolChange,
 )
 from gcode.emit import PLANE_AXES
+from gcode.expand import expanded
 from gcode.frame import Frame, FrameChange
 from gcode.state import position_of
 
@@ -200,11 +202,11 @@ _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
 }
 
 
-def canon_lines(commands: Iterable[Command], digits: int = 4) -> Iterator[str]:
+def canon_lines(commands: Iterable[Command | MoveBlock], digits: int = 4) -> Iterator[str]:
     """The canonical text of ``commands``, one function a line.
 
     digits: decimals of positions. Offsets and rates keep the four decimals of the spelling.
     """
     printer = Printer(digits)
-    for command in commands:
+    for command in expanded(commands):
         yield from printer.lines(command)

@@ -13,6 +13,7 @@ from gcode.canon import (
     Command,
     Coolant,
     Feed,
+    MoveBlock,
     Nurbs,
     Plane,
     Position,
@@ -40,10 +41,10 @@ class Emitter:
         self.line = 0
         self.frame: Frame = state.frame()
         self.last: Position = self.frame.to_machine(position_of(state.position))
-        self._out: list[Command] = []
+        self._out: list[Command | MoveBlock] = []
         self.held: list[Any] | None = None
 
-    def take(self) -> list[Command]:
+    def take(self) -> list[Command | MoveBlock]:
         """The commands since the last call."""
         out = self._out
         self._out = []
@@ -52,6 +53,10 @@ class Emitter:
     def command(self, command: Command) -> None:
         """A finished command; it waits if cutter compensation holds moves back."""
         (self._out if self.held is None else self.held).append(command)
+
+    def block(self, block: MoveBlock) -> None:
+        """A block of plain moves."""
+        self._out.append(block)
 
     def text(self, function: str) -> None:
         """A canonical function that moves nothing, spelled as it is printed."""

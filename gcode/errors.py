@@ -6,7 +6,6 @@ which alone knows file and line, turns it into a ``Diagnostic``. Columns count c
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
@@ -50,6 +49,8 @@ class Diagnostic:
 
     def as_json(self) -> str:
         """One JSON object on one line: file, line, column, end_column, code, severity, message, hint (and calls)."""
+        import json
+
         record = asdict(self)
         if not self.calls:
             del record["calls"]

@@ -45,8 +45,12 @@ class Flow:
     program: Program
     library: Library
     index: int = 0
+    main: Program = field(init=False)
     calls: list[Call] = field(default_factory=list)
     repeats: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.main = self.program
 
     def statement(self, statement: Statement) -> None:
         """Executes the O-word on the line before ``index``. Raises ``GcodeError``."""
@@ -89,7 +93,7 @@ class Flow:
             return program, program.subs[name].start + 1
         if name in program.labels:
             return program, program.labels[name] + 1
-        main = self.calls[0].program if self.calls else program
+        main = self.main
         if name in main.subs:
             return main, main.subs[name].start + 1
         other = self.library.load(name)

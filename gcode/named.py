@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from configparser import ConfigParser
+from typing import TYPE_CHECKING
 
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.offsets import SYSTEMS
 from gcode.state import AXIS_INDEX, State
+
+if TYPE_CHECKING:
+    from configparser import ConfigParser
 
 Window = Callable[[], float]
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from configparser import ConfigParser
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from gcode.canon import AXES, ORIGIN, Position
+
+if TYPE_CHECKING:
+    from configparser import ConfigParser
 
 
 @dataclass(frozen=True, slots=True)

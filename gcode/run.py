@@ -1,0 +1,366 @@
+"""One run of a program: executes lines, reports what is wrong, and hands out commands.
+
+``Run.events`` is a generator of commands that stops at synch points and goes on with the machine's answer. A line that
+is refused is noted and skipped, so that one pass finds all errors of a file; what follows an error is still checked,
+with care not to report consequences of what was skipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+
+from gcode.assign import assign
+from gcode.block import AXIS_LETTERS, Block, Line
+from gcode.canon import Command, End, MoveBlock, Position
+from gcode.compensation import flush
+from gcode.dialects import DIALECTS, guess
+from gcode.errors import Diagnostic, GcodeError
+from gcode.execute import execute
+from gcode.expand import expanded
+from gcode.flow import Flow, is_call
+from gcode.foreigngroups import MACRO
+from gcode.library import Library
+from gcode.machine import Machine
+from gcode.named import ini_value, install
+from gcode.offsets import emit_origin, emit_rotation, emit_shift
+from gcode.places import place
+from gcode.program import Program, has_percent
+from gcode.recovery import meant, recover
+from gcode.resolve import resolve
+from gcode.scanner import scan_line
+from gcode.setup import Setup
+from gcode.state import AXIS_INDEX
+from gcode.stream import NeedsStructureError, Stream, plain_line
+from gcode.synch import Answer, Assumptions, Synch
+from gcode.textsource import Source, TextSource
+
+Event = Command | MoveBlock
+ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208"})
+"""Reported once a file: the cure of the first is the cure of all."""
+
+
+class Run:
+    """One interpretation of one program. ``diagnostics`` grows as lines are executed."""
+
+    def __init__(self, source: Source | str, setup: Setup) -> None:
+        self.setup = setup
+        self.source: Source = TextSource(source) if isinstance(source, str) else source
+        automatic = setup.dialect == "auto"
+        name, self.dialect_reason = guess(self.source.text()) if automatic else (setup.dialect, "it was asked for")
+        self.dialect = DIALECTS[name]
+        self.machine = Machine(setup, name)
+        self.machine.parameters.vacant = self.dialect.macro_b
+        self.diagnostics: list[Diagnostic] = []
+        self.failed = False
+        self.flow = Flow(self.machine, Program("", setup.file, self.dialect), Library(setup.include, self.dialect))
+        self._line_number = 0
+        self._reported: set[tuple[str, ...]] = set()
+        self._uncertain: set[int] = set()
+        self._steps = 0
+        self._modal_macro: dict[str, float] | None = None
+        self.machine.run_text = self._run_text
+        self.machine.profile = self._profile
+        self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
+        install(self.machine, lambda: float(self._line_number), lambda: float(len(self.flow.calls)))
+
+    def events(self) -> Generator[Event, Answer | None, None]:
+        """Executes the program. Yields commands, and ``Synch`` where an ``Answer`` must be sent back.
+
+        After the first error nothing more is yielded; the rest of the file is only checked.
+        """
+        emit = self.machine.emit
+        if self.dialect.refused:
+            self._at_first_line(
+                "GC100", f"not interpreted: {self.dialect.refused}", "post the job for a milling machine"
+            )
+            return
+        if self.setup.dialect == "auto" and self.dialect.name != "linuxcnc":
+            said = f"read in dialect {self.dialect.name}: {self.dialect_reason}"
+            self._at_first_line("GC209", said, "choose another with --dialect", "warning")
+        self._begin()
+        yield from emit.take()
+        if self.dialect.macro_b:
+            yield from self._structured(None)
+        else:
+            yield from self._streamed()
+        flush(self.machine)
+        emit.line = 0
+        emit.text("ON_RESET()")
+        if not self.failed:
+            yield from emit.take()
+
+    def stream(self, assumptions: Assumptions | None = None) -> Iterator[Event]:
+        """Commands and blocks, with every synch point answered by ``assumptions``."""
+        assume = assumptions or Assumptions()
+        events = self.events()
+        answer: Answer | None = None
+        before: Position = self.machine.emit.last
+        while True:
+            try:
+                event = events.send(answer)
+            except StopIteration:
+                return
+            answer = None
+            if isinstance(event, Synch):
+                answer = assume.answer(event, before)
+            else:
+                before = self.machine.emit.last
+                yield event
+
+    def commands(self, assumptions: Assumptions | None = None) -> Iterator[Command]:
+        """As ``stream``, blocks taken apart."""
+        return expanded(self.stream(assumptions))
+
+    def _begin(self) -> None:
+        """What the interpreter tells the machine before the first line."""
+        emit = self.machine.emit
+        emit.frame_change("USE_LENGTH_UNITS(CANON_UNITS_MM)")
+        emit_origin(self.machine)
+        emit_shift(self.machine)
+        emit_rotation(self.machine)
+        emit.text("SET_FEED_REFERENCE(CANON_XYZ)")
+        emit.text("ON_RESET()")
+
+    def _streamed(self) -> Generator[Event, Answer | None, None]:
+        """A program without O-words, as it is read; changes to the structured way if it has some."""
+        machine = self.machine
+        stream = Stream(self, self.source)
+        try:
+            for _ in stream.steps():
+                yield from self._handed_out()
+                if self._too_much():
+                    return
+        except NeedsStructureError as found:
+            yield from self._structured(found.index)
+            return
+        emit = machine.emit
+        if machine.finished and not stream.closed:
+            if stream.percent and not self._percent_follows():
+                self._missing_percent(self._count_lines())
+        elif stream.is_closed():
+            emit.line = stream.last_number
+            emit.command(End(stream.last_number, ""))
+        elif stream.last_number:
+            self._missing_end(stream.last_number, stream.last_text or "?")
+        yield from self._handed_out()
+
+    def _percent_follows(self) -> bool:
+        """Whether a lone percent sign stands anywhere behind the end of the program (the first one is in front)."""
+        lone = sum(
+            line.strip() == b"%" for chunk in self.source.chunks() if b"%" in chunk for line in chunk.split(b"\n")
+        )
+        return lone > 1
+
+    def _count_lines(self) -> int:
+        return sum(chunk.count(b"\n") for chunk in self.source.chunks())
+
+    def _structured(self, start: int | None) -> Generator[Event, Answer | None, None]:
+        """A program with O-words: all lines are known, and their structure is checked before the first is executed."""
+        flow = self.flow
+        flow.main = flow.program = Program(self.source.text(), self.setup.file, self.dialect)
+        flow.index = flow.main.first if start is None else start
+        for fault in flow.main.faults:
+            self._note(fault.error, flow.main.name, fault.index + 1, flow.main.lines[fault.index], "error")
+        while not self.machine.finished and not self._too_much():
+            if not self._next():
+                break
+            yield from self._handed_out()
+        if self.machine.finished and has_percent(flow.main) and flow.main.stop == len(flow.main.lines):
+            self._missing_percent(len(flow.main.lines))
+        yield from self._handed_out()
+
+    def _handed_out(self) -> Generator[Event, Answer | None, None]:
+        """Yields what the last line gave, and asks the machine if the line waits for it."""
+        out = self.machine.emit.take()
+        if out and not self.failed:
+            yield from out
+        synch = self.machine.synch
+        if synch is not None:
+            self.machine.synch = None
+            answer = None if self.failed else (yield synch)
+            self.machine.answered(synch, answer or Answer())
+
+    def _too_much(self) -> bool:
+        if self._steps > self.setup.max_steps:
+            text = f"more than {self.setup.max_steps} lines executed"
+            program = self.flow.program
+            line = program.lines[self._line_number - 1] if self._line_number <= len(program.lines) else ""
+            self.report(GcodeError("GC089", text, "a loop never ends"), program.name, self._line_number, line)
+            return True
+        return len(self.diagnostics) > self.setup.max_errors
+
+    def _next(self) -> bool:
+        """Executes the next line of a structured program. False at the end."""
+        flow = self.flow
+        program, index = flow.program, flow.index
+        if index >= program.stop:
+            return self._end_of_file(program)
+        flow.index = index + 1
+        self._execute_line(index + 1, program.lines[index], program)
+        return True
+
+    def execute_text(self, number: int, text: str) -> None:
+        """Reads and executes one line of a stream, and reports what is wrong with it."""
+        self._execute_line(number, text, None)
+
+    def _execute_line(self, number: int, text: str, program: Program | None) -> None:
+        self._line_number = number
+        self._steps += 1
+        name = program.name if program is not None else self.setup.file
+        notes: tuple[GcodeError, ...] = ()
+        block: Block | None = None
+        try:
+            if program is None:
+                line, notes = plain_line(text, number, self.dialect)
+            else:
+                line = program.line(number - 1)
+                notes = program.notes.pop(number - 1, ())
+            if line is not None:
+                block = self._execute(line)
+        except GcodeError as error:
+            self.report(error, name, number, text)
+            self._recover(block, number, text, error)
+        except RecursionError:
+            self.report(
+                GcodeError("GC037", "an expression is nested too deeply", "split it", (0, 1)), name, number, text
+            )
+        for note in notes:
+            self.report(note, name, number, text, "warning")
+        if self.machine.warnings:
+            for warning in self.machine.warnings:
+                self.report(warning, name, number, text, "warning")
+            self.machine.warnings.clear()
+
+    def _execute(self, line: Line) -> Block | None:
+        """Executes one line that was read."""
+        if line.delete and line.delete in self.setup.block_delete:
+            return None
+        if line.statement is not None:
+            if line.statement.keyword != "ifthen":
+                self.flow.statement(line.statement)
+            elif self.flow.test(line.statement) != 0.0:
+                assign(self.machine.parameters, line)
+            return None
+        if not line.words and not line.assignments and line.comment is None:
+            return None
+        machine = self.machine
+        block = resolve(line, machine.parameters, self.dialect, machine.warnings)
+        if self._is_call(line, block):
+            return block
+        if line.assignments:
+            assign(machine.parameters, line)
+        try:
+            execute(machine, block)
+        except GcodeError:
+            machine.emit.take()
+            self._uncertain |= recover(machine, block, "")
+            raise
+        if self._uncertain and block.motion in {0, 10} and not machine.state.incremental:
+            self._uncertain -= {AXIS_INDEX[letter] for letter in AXIS_LETTERS & block.words.keys()}
+        if self._modal_macro is not None and block.motion in {0, 10, 20, 30}:
+            self.flow.g65(self._modal_macro)
+        return block
+
+    def _is_call(self, line: Line, block: Block) -> bool:
+        """Executes M97, M98, M99 and the macro calls G65 to G67; whether the line was one of them."""
+        if MACRO in block.g:
+            code = block.g[MACRO]
+            if code == 650:
+                self.flow.g65(block.words)
+            else:
+                self._modal_macro = dict(block.words) if code == 660 else None
+            return True
+        number = is_call(line)
+        if number == 97 and self.dialect.macro_b:
+            self.flow.m97(block)
+        elif number == 98:
+            self.flow.m98(block)
+        elif number == 99:
+            return self.flow.m99()
+        else:
+            return False
+        return True
+
+    def _run_text(self, text: str) -> None:
+        block = resolve(scan_line(text, self.machine.emit.line), self.machine.parameters)
+        execute(self.machine, block)
+
+    def _profile(self, name: str) -> Iterator[Block]:
+        """The blocks of subprogram ``name``: its flow and assignments are executed, its motion is not."""
+        flow = self.flow
+        depth = len(flow.calls)
+        flow.enter(name, "call", {})
+        while len(flow.calls) > depth:
+            program, index = flow.program, flow.index
+            if index >= program.stop:
+                flow.leave(None)
+                continue
+            flow.index = index + 1
+            line = program.line(index)
+            if line is None:
+                continue
+            if line.statement is not None:
+                flow.statement(line.statement)
+                continue
+            block = resolve(line, self.machine.parameters)
+            assign(self.machine.parameters, line)
+            yield block
+
+    def _end_of_file(self, program: Program) -> bool:
+        """Past the last line: returns from a file that was called, or ends the program. False: nothing follows."""
+        if self.flow.calls and program is not self.flow.main:
+            self.flow.leave(None)
+            return True
+        if has_percent(program) and program.stop < len(program.lines):
+            self.machine.emit.command(End(program.stop + 1, ""))
+            return False
+        if program.lines:
+            last = max((i for i, t in enumerate(program.lines) if t.strip()), default=0)
+            self._missing_end(last + 1, program.lines[last])
+        return False
+
+    def _missing_end(self, number: int, text: str) -> None:
+        error = GcodeError("GC201", "the program has no end", "add M2 or M30 as its last line", (0, 1))
+        self.report(error, self.setup.file, number, text, "warning")
+
+    def _missing_percent(self, last: int) -> None:
+        """A program that began with % and ended by M2 should have a % behind it."""
+        self.machine.emit.line = last
+        self.machine.emit.comment("interpreter: percent sign missing from end of file")
+
+    def _at_first_line(self, code: str, message: str, hint: str, severity: str = "error") -> None:
+        first = self.source.text().split("\n", 1)[0]
+        self.report(GcodeError(code, message, hint, (0, 1)), self.setup.file, 1, first, severity)
+
+    def _recover(self, block: Block | None, number: int, text: str, error: GcodeError) -> None:
+        """After a line that could not be read: stand where it meant to go, as far as that is known."""
+        self.machine.emit.take()
+        if block is not None:
+            return
+        guess_ = meant(self.machine, text, number, error)
+        self._uncertain |= recover(self.machine, guess_, text)
+        if guess_ is None and "f" in text.lower():
+            self._reported.add(("GC040",))
+
+    def has_reported(self, code: str) -> bool:
+        """Whether a once-only diagnostic was given."""
+        return (code,) in self._reported
+
+    def report(self, error: GcodeError, file: str, number: int, text: str, severity: str = "error") -> None:
+        """Notes a diagnostic, unless it is only a consequence of an earlier one or was reported before."""
+        if severity == "error":
+            self.failed = True
+            if error.code == "GC044" and self._uncertain:
+                return
+        if error.code in ONCE:
+            if (error.code,) in self._reported:
+                return
+            self._reported.add((error.code,))
+        self._note(error, file, number, text, severity)
+
+    def _note(self, error: GcodeError, file: str, number: int, text: str, severity: str) -> None:
+        found = place(error, file, number, text, severity, self.flow.call_stack())
+        key = (found.file, str(found.line), str(found.column), found.code)
+        if key not in self._reported:
+            self._reported.add(key)
+            self.diagnostics.append(found)

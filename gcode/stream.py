@@ -1,0 +1,177 @@
+"""Executing a program without O-words as it is read: plain runs as columns, every other line by the interpreter.
+
+Nothing but the present chunk is kept. If an O-word turns up, the whole program is read and execution goes on in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Protocol
+
+from gcode.dialects import Dialect
+from gcode.errors import GcodeError
+from gcode.machine import Machine
+from gcode.reading import read_line
+from gcode.textsource import Source
+
+if TYPE_CHECKING:
+    from gcode.block import Line
+
+FEW_LINES = 64
+"""Programs shorter than this are not worth loading the column tools for."""
+CALLS = (98.0,)
+LATHE_CYCLES = (70.0, 71.0, 71.1, 71.2, 72.0, 72.1, 72.2)
+MAX_STOPS = 12
+"""A chunk in which the columns stop so often is executed line by line."""
+
+
+class Executor(Protocol):
+    """What the stream needs of a run."""
+
+    machine: Machine
+    dialect: Dialect
+
+    def execute_text(self, number: int, text: str) -> None:
+        """Reads and executes one line, and reports what is wrong with it."""
+
+    def has_reported(self, code: str) -> bool:
+        """Whether a once-only diagnostic was given."""
+
+
+class NeedsStructureError(Exception):
+    """The line at ``index`` (from 0) has an O-word, or a call: the whole program must be known."""
+
+    def __init__(self, index: int) -> None:
+        super().__init__(index)
+        self.index = index
+
+
+class Stream:
+    """The state of reading: percent signs, and the number of the next line."""
+
+    def __init__(self, run: Executor, source: Source) -> None:
+        self.run = run
+        self.source = source
+        self.number = 0
+        self.percent = False
+        self.closed = False
+        self.last_text = ""
+        self.last_number = 0
+        self._begun = False
+        self._maybe_closed = False
+
+    def steps(self) -> Iterator[int]:
+        """Executes the program; yields after every line or run, so that what it gave can be taken.
+
+        Raises ``NeedsStructureError``.
+        """
+        for chunk in self.source.chunks():
+            if len(chunk) < FEW_LINES * 8:
+                yield from self._lines(chunk.decode("utf-8", "surrogateescape").split("\n")[:-1])
+            else:
+                yield from self._chunk(chunk)
+            if self.run.machine.finished:
+                return
+
+    def _chunk(self, chunk: bytes) -> Iterator[int]:
+        import numpy as np
+
+        from gcode.blockpath import MIN_RUN
+        from gcode.columns import tabulate
+
+        table = tabulate(chunk)
+        count = len(table.plain)
+        edges = np.flatnonzero(np.diff(table.plain)) + 1
+        bounds = [0, *edges.tolist(), count]
+        starts = table.starts
+        stops = 0
+        for first, last in pairwise(bounds):
+            at = first
+            if table.plain[first] and last - first >= MIN_RUN and self._ready():
+                while at < last and stops < MAX_STOPS:
+                    done = self._columns(table.values[:, at:last], at)
+                    at += done
+                    if done:
+                        yield self.number
+                    if at < last:
+                        stops += 1
+                        yield from self._lines([_text(chunk, starts, at)])
+                        at += 1
+                        if self.run.machine.finished or last - at < MIN_RUN or not self._ready():
+                            break
+            for index in range(at, last):
+                yield from self._lines([_text(chunk, starts, index)])
+                if self.run.machine.finished:
+                    return
+
+    def _ready(self) -> bool:
+        from gcode.blockpath import can_run
+
+        return can_run(self.run.machine)
+
+    def _columns(self, values: object, _at: int) -> int:
+        from gcode.blockpath import execute_run
+
+        machine = self.run.machine
+        strict = not self.run.has_reported("GC206")
+        done = execute_run(machine, values, self.number + 1, machine.emit.block, strict_arcs=strict)  # type: ignore[arg-type]
+        if done:
+            self.number += done
+            self.last_number = self.number
+            self._begun = True
+            self._maybe_closed = False
+        return done
+
+    def _lines(self, texts: list[str]) -> Iterator[int]:
+        for text in texts:
+            self.number += 1
+            stripped = text.strip()
+            if not stripped:
+                continue
+            self.last_text, self.last_number = text, self.number
+            if stripped == "%" and self._percent_line():
+                if self.closed:
+                    return
+                continue
+            self._begun = True
+            self._maybe_closed = False
+            self.run.execute_text(self.number, text)
+            yield self.number
+            if self.run.machine.finished:
+                return
+
+    def _percent_line(self) -> bool:
+        """The first percent sign opens, the next one closes; elsewhere it is an error (lenient dialects: a remark)."""
+        if not self._begun and not self.percent:
+            self.percent = True
+            return True
+        if self.run.dialect.lenient:
+            self._maybe_closed = True
+            return True
+        if self.percent:
+            self.closed = True
+            self.run.machine.finished = True
+            return True
+        return False
+
+    def is_closed(self) -> bool:
+        """Whether the program ended with a percent sign."""
+        return self.closed or self._maybe_closed
+
+
+def _text(chunk: bytes, starts: object, index: int) -> str:
+    return chunk[starts[index] : starts[index + 1] - 1].decode("utf-8", "surrogateescape").rstrip("\r")  # type: ignore[index]
+
+
+def plain_line(text: str, number: int, dialect: Dialect) -> tuple[Line | None, tuple[GcodeError, ...]]:
+    """Reads a line of a stream. Raises ``NeedsStructureError`` for O-words and calls, ``GcodeError`` for what is wrong."""
+    read = read_line(text, number, dialect)
+    line = read.line
+    if line is not None and line.statement is not None:
+        raise NeedsStructureError(number - 1)
+    if line is not None:
+        for word in line.words:
+            if word.value in (LATHE_CYCLES if word.letter == "g" else CALLS if word.letter == "m" else ()):
+                raise NeedsStructureError(number - 1)
+    return line, read.warnings
