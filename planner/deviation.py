@@ -13,13 +13,15 @@ from planner.polygon import Polygon
 class Deviation:
     """Largest deviation in mm by cause: merged moves, blended corners, arcs by parabolas, jerk filter; and their sum.
 
-    ``sum_mm`` is the largest sum at one place where known, else the sum of the largest.
+    measured_mm: largest distance of the sampled trajectory from the program, or of a programmed vertex from the
+    trajectory; None where it was not asked for.
     """
 
     merge_mm: float = 0.0
     blend_mm: float = 0.0
     chord_mm: float = 0.0
     filter_mm: float = 0.0
+    measured_mm: float | None = None
 
     @property
     def sum_mm(self) -> float:

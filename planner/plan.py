@@ -7,7 +7,7 @@ filter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +21,8 @@ from planner.jerk import FilteredTrajectory, filter_width_s
 from planner.kinematics import Kinematics
 from planner.planfile import save_plan
 from planner.polygon import PathRules
-from planner.report import PlanReport, report_of
+from planner.report import PlanReport
+from planner.survey import survey
 from planner.timing import Solver, Timed, schedule, solve
 from planner.trajectory import PathTrajectory, path_trajectory
 from planner.types import F8, Limits
@@ -77,17 +78,22 @@ def plan(
     solver: Solver = "auto",
     kinematics: Kinematics | None = None,
     filter_s: float | None = None,
+    work_offset: F8 | None = None,
+    travel: Mapping[str, tuple[float, float]] | None = None,
+    measured: bool = False,
 ) -> Plan:
     """Plan a whole program.
 
     start: f8[A], machine position at its beginning. solver: "toppra" (reference), "kernel" (compiled), "auto" by size.
-    kinematics: joints with limits of their own. filter_s: width of the jerk filter, None: from ``limits.jerk``.
-    Raises PlanError with the program's line.
+    kinematics: joints with limits of their own. filter_s: width of the jerk filter, None: from ``limits.jerk``. For the
+    report: work_offset f8[A], machine position of the work zero; travel, allowed reach by axis; measured, sample the
+    trajectory against the program. Raises PlanError with the program's line.
     """
     from planner.paths import join_intervals
     from planner.stages import chunks
 
     setting = setting_of(limits, start, kinematics, filter_s)
+    commands = list(commands) if measured else commands
     parts, marks, deviation, count = [], [], Deviation(), 0
     for chunk, _ in chunks(commands, setting.start, setting.rules, BATCH_MOVES):
         parts.append(chunk.intervals)
@@ -98,7 +104,24 @@ def plan(
     x, cap, chosen = solve(intervals, setting.constraints, solver) if count else (np.zeros(1), np.zeros(0), "none")
     timed = Timed(intervals, x, cap, tuple(marks), setting.rules.tau_s)
     trajectory = trajectory_of(timed, setting)
-    return Plan(trajectory, timed, limits, report_of(trajectory, timed, limits, chosen, deviation))
+    if measured and count:
+        deviation = replace(deviation, measured_mm=_measured(trajectory, commands, setting))
+    report = survey(trajectory, timed, limits, setting.constraints, chosen, deviation, work_offset, travel)
+    return Plan(trajectory, timed, limits, report)
+
+
+def _measured(
+    trajectory: PathTrajectory | FilteredTrajectory, commands: Iterable[Command | MoveBlock], setting: Setting
+) -> float:
+    """Deviation by samples every 0.5 ms, vertices included."""
+    from planner.measure import measure
+    from planner.reader import MoveReader
+
+    reader = MoveReader(setting.limits.axes, setting.start, setting.limits.tolerance_mm)
+    for item in commands:
+        reader.read(item)
+    found = measure(trajectory, reader.take()[0], setting.limits.velocity, setting.limits.acceleration, 5e-4)
+    return max(found.deviation_mm, found.miss_mm)
 
 
 def trajectory_of(timed: Timed, setting: Setting) -> PathTrajectory | FilteredTrajectory:

@@ -18,7 +18,7 @@ def sample_times(trajectory: Trajectory, step_s: float = STEP_S) -> F8:
     t = np.asarray(trajectory.junctions_s())
     t = t[np.concatenate([[True], np.diff(t) > CLOSEST_S])]
     gap = np.diff(t)
-    parts = np.maximum(np.ceil(gap / step_s - 1e-9), 1).astype(np.intp)
+    parts = np.maximum(np.ceil(gap / (step_s * (1 - 1e-7))), 1).astype(np.intp)
     k = np.repeat(np.arange(len(gap)), parts)
     number = np.arange(len(k)) - np.repeat(np.cumsum(parts) - parts, parts)
     return np.append(t[k] + gap[k] * (number / parts[k]), trajectory.duration_s)
