@@ -58,7 +58,7 @@ def test_after_power_up_only_19200_is_understood(chip, baud):
     assert len(host.exchange(0, 0xE)) == 1
 
 
-@item("N-003", "N-081", "N-082")
+@item("N-003", "N-081", "N-082", "ST-013")
 @both
 @pytest.mark.parametrize(
     ("baud", "brd", "true"), [(9600, 129, 9615), (19200, 63, 19531), (57600, 20, 59524), (115200, 10, 113636)]
