@@ -9,6 +9,9 @@ import numpy as np
 
 from nmc.link import Link
 from sim.bus import Bus
+from sim.cy545 import Cy545
+from sim.cy545_line import add_cy545
+from sim.cy545_spec import Cy545Port
 from sim.draws import Draws
 from sim.link import SimLink
 from sim.module import NmcModule
@@ -27,7 +30,10 @@ SERVO_TYPE = 0
 
 
 class Simulation:
-    """Chips, buses and host ports under one virtual clock. ``modules``: by name; ``links``: one a bus."""
+    """Chips, buses and host ports under one virtual clock.
+
+    ``modules`` of the buses and ``indexers`` (CY545s, each on a line of its own) by name; ``links``: one a bus or line.
+    """
 
     def __init__(self) -> None:
         self.world = World()
@@ -35,6 +41,7 @@ class Simulation:
         self.buses: list[Bus] = []
         self.links: list[Link] = []
         self.modules: dict[str, NmcModule] = {}
+        self.indexers: dict[str, Cy545] = {}
         self.bus_logs: list[BusLog] = []
 
     @property
@@ -78,16 +85,25 @@ class Simulation:
         for servo in servos.values():
             servo.synchronise()
             servo.flush_samples()
-        motors = [name for name in self.modules if name in steppers or name in servos]
-        runs = {name: m.runs for name, m in steppers.items()}
+        for indexer in self.indexers.values():
+            indexer.settle()
+        motors = [name for name in self.modules if name in steppers or name in servos] + list(self.indexers)
+        runs = {name: m.runs for name, m in steppers.items()} | {name: i.runs for name, i in self.indexers.items()}
         return collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs)
 
 
-def build(buses: Sequence[BusSpec], seed: int, options: SimOptions | None = None) -> Simulation:
+def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions | None = None) -> Simulation:
     """Power up the machine. Same seed, same host: bit-identical. Raises ValueError on a description that cannot be."""
     options = options or SimOptions()
     simulation = Simulation()
     for number, spec in enumerate(buses):
+        if isinstance(spec, Cy545Port):
+            log = BusLog() if options.trace_bus else None
+            simulation.bus_logs += [log] if log is not None else []
+            add_cy545(
+                simulation, spec, (_draws(seed, number, 0), _draws(seed, number, 1), _draws(seed, number, 2)), log
+            )
+            continue
         if len(spec.modules) > MAX_MODULES:
             raise ValueError(f"bus {spec.name!r}: {len(spec.modules)} modules, at most {MAX_MODULES} fit (section 1.0)")
         bytes_log = BusLog() if options.trace_bus else None
