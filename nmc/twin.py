@@ -13,7 +13,7 @@ agree with everything the host knows (execution windows, crystal error), so that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 PPM = 1_000_000
 
@@ -55,10 +55,21 @@ class StepTimer:
         return self.next_ns + (self.left - 1) * self.period_ns
 
 
+@dataclass(slots=True)
+class Latch:
+    """A latch of the position that has been sent and not yet read: the twins as they were, and what came after."""
+
+    earliest_ns: int
+    latest_ns: int
+    timers: tuple[StepTimer, StepTimer, StepTimer]
+    superseded: list[tuple[int, int]]
+    loads: list[tuple[int, int, int]]
+
+
 class StepTimerTwin:
     """Nominal, fastest and slowest step timer of one axis, in host time."""
 
-    __slots__ = ("_superseded", "crystal_ppm", "fast", "nominal", "slow", "steps")
+    __slots__ = ("_latch", "_superseded", "crystal_ppm", "fast", "nominal", "slow", "steps")
 
     def __init__(self, crystal_ppm: int) -> None:
         self.crystal_ppm = crystal_ppm
@@ -67,6 +78,7 @@ class StepTimerTwin:
         self.slow = StepTimer()
         self.steps = 0
         self._superseded: list[tuple[int, int]] = []
+        self._latch: Latch | None = None
 
     def start(self, earliest_ns: int, latest_ns: int, period_ns: int, steps: int) -> None:
         """A run of ``steps`` was started from rest at an instant within the given window."""
@@ -75,6 +87,7 @@ class StepTimerTwin:
         self.fast.start(earliest_ns, self._fast_period(period_ns), steps)
         self.slow.start(latest_ns, self._slow_period(period_ns), steps)
         self._superseded.clear()
+        self._latch = None
 
     def load(self, earliest_ns: int, latest_ns: int, period_ns: int) -> None:
         """A new count was executed within the given window while the axis was moving.
@@ -85,6 +98,8 @@ class StepTimerTwin:
         after a step before its end no later than its end plus the longest period that may still be running (several
         loads may fall into one long period).
         """
+        if self._latch is not None:
+            self._latch.loads.append((earliest_ns, latest_ns, period_ns))
         self.nominal.advance((earliest_ns + latest_ns) // 2)
         self.nominal.period_ns = period_ns
         fast, slow = self.fast, self.slow
@@ -104,6 +119,35 @@ class StepTimerTwin:
                 slow.next_ns = max(slow.next_ns, latest_ns + running_ns - self._slow_period(period_ns))
         fast.period_ns = self._fast_period(period_ns)
         slow.period_ns = self._slow_period(period_ns)
+
+    def latch(self, earliest_ns: int, latest_ns: int) -> None:
+        """The position was saved within the given window (Save Current Position as Home); it will be read later."""
+        timers = (replace(self.fast), replace(self.nominal), replace(self.slow))
+        self._latch = Latch(earliest_ns, latest_ns, timers, list(self._superseded), [])
+
+    def latched(self, steps: int) -> bool:
+        """The saved position was read: ``steps`` of this run had been made at the latch.
+
+        The bounds close in on that and the loads since then are replayed. False if even the bounding twins exclude it:
+        the chip does not behave as this file says. A run that began or ended since leaves nothing to compare.
+        """
+        latch, self._latch = self._latch, None
+        if latch is None:
+            return True
+        fast, nominal, slow = latch.timers
+        left = self.steps - steps
+        if not fast.left_at(latch.latest_ns) <= left <= slow.left_at(latch.earliest_ns):
+            return False
+        self.fast, self.nominal, self.slow, self._superseded = fast, nominal, slow, latch.superseded
+        running_ns = self._longest_running_ns(latch.earliest_ns)
+        for timer, period_ns in ((fast, 0), (nominal, nominal.period_ns), (slow, running_ns)):
+            if timer.left_at(latch.earliest_ns) < left:  # one step more than was seen: it comes after the latch
+                timer.left, timer.next_ns = left, latch.earliest_ns + 1
+            elif timer.left_at(latch.latest_ns) > left:  # one step less: it came before
+                timer.left, timer.next_ns = left, latch.latest_ns + period_ns
+        for load in latch.loads:
+            self.load(*load)
+        return True
 
     def done(self, now_ns: int) -> int:
         """Steps of this run that the nominal chip has emitted by ``now_ns``."""

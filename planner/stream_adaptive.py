@@ -17,6 +17,7 @@ from nmc.budget import BusTiming
 from nmc.program import Exchange
 from planner.stream_axis import StepAxis
 from planner.stream_base import COUNT_BYTES, NO_OPERATION, StepSchedule, Stream
+from planner.stream_feedback import Feedback
 from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
 
@@ -37,6 +38,7 @@ class AdaptiveSchedule(StepSchedule):
         self.lanes: list[Lane] = [StepLane(axis, self) for axis in axes]
         self.servos: list[ServoLane] = []
         self.exchange_ns = timing.mean_exchange_ns(COUNT_BYTES)
+        self.feedback = Feedback(self, axes)
 
     def add_servo(self, lane: SmoothLane | StopHereLane) -> None:
         """A PIC-SERVO shares the bus; its loads are longer, and it has no part in group Starts."""
@@ -51,6 +53,7 @@ class AdaptiveSchedule(StepSchedule):
         if not self.servos:
             yield from super().run()
             return
+        yield from self.regroup({axis.motor.address for axis in self.axes})
         while True:
             for lane in self.lanes:
                 lane.settle(self.now_ns)
@@ -65,6 +68,9 @@ class AdaptiveSchedule(StepSchedule):
         if first is not None and first[0] <= self.now_ns + self.timing.worst_ns(COUNT_BYTES):
             yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             return
+        if self.feedback.due() and self.feedback.overdue():
+            yield from self.feedback.step()
+            return
         lane = self._most_urgent(turn)
         if lane is not None:
             yield from lane.mend(turn)
@@ -72,6 +78,9 @@ class AdaptiveSchedule(StepSchedule):
         for lane in self.lanes:
             if (yield from lane.chore(self.now_ns)):
                 return
+        if self.feedback.due():
+            yield from self.feedback.step()
+            return
         yield from self._later(first, turn.horizon_ns)
 
     def _horizon_ns(self) -> int:

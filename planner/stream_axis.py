@@ -128,6 +128,11 @@ class StepAxis:
         assert self.leg is not None
         return self.leg.direction
 
+    def arrives_early_ns(self) -> int:
+        """How long before its planned instant the last step would come if the present count stayed."""
+        assert self.leg is not None
+        return int(self.leg.times_ns[-1]) + self.start_ns - self.twin.nominal.arrival_ns()
+
     def aim_error_steps(self, execute_ns: int, target_ns: int) -> float:
         """How many steps off the plan the axis would be at ``target_ns`` without a new count at ``execute_ns``."""
         wanted = self._aim(execute_ns, target_ns)
@@ -161,8 +166,9 @@ class StepAxis:
     def _aim(self, execute_ns: int, target_ns: int) -> int:
         """Period after the next roll-over that puts the step due at ``target_ns`` on its planned instant.
 
-        A late axis catches up only a little faster than the plan itself goes there: a short period that stays in
-        force for one roll-over more than foreseen must not cost more than a few steps.
+        A late axis catches up only a little faster than the plan itself goes there, and an early one waits only a
+        little longer: a period that stays in force for one roll-over more than foreseen must not cost more than a few
+        steps, and there may be no safe moment left to change it before the leg ends.
         """
         leg = self.leg
         assert leg is not None
@@ -173,12 +179,19 @@ class StepAxis:
         aim = min(int(np.searchsorted(leg.times_ns, target_ns - self.start_ns)), len(leg) - 1)
         aim = max(aim, due + 1)
         period_ns = (int(leg.times_ns[aim]) + self.start_ns - next_ns) // (aim - due)
+        even_ns = (int(leg.times_ns[-1]) + self.start_ns - next_ns) // (left - 1)
+        period_ns = min(period_ns, max(even_ns, self._slowest_ns(leg, due, aim)))
         return max(period_ns, self._fastest_ns(leg, due, aim))
 
     def _fastest_ns(self, leg: Leg, due: int, aim: int) -> int:
         """Shortest period to catch up with between two steps of the plan."""
         gaps = np.diff(leg.times_ns[max(due - 1, 0) : aim + 2])
         return int(gaps.min() / CATCH_UP) if len(gaps) else self.period_min_ns
+
+    def _slowest_ns(self, leg: Leg, due: int, aim: int) -> int:
+        """Longest period to wait with between two steps of the plan."""
+        gaps = np.diff(leg.times_ns[max(due - 1, 0) : aim + 2])
+        return int(gaps.max() * CATCH_UP) if len(gaps) else self.period_max_ns
 
     def _encode(self, period_ns: int, leg: Leg | None, direction: int, start_now: bool) -> tuple[bytes, Load]:
         mode = self.motor.speed_mode

@@ -10,8 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from nmc.budget import BusTiming
-from planner.stream_axis import StepAxis
+from planner.stream_axis import SAFETY_NS, StepAxis
 from planner.stream_base import COUNT_BYTES, LEG_BYTES, PREPARE_NS, Said, StepSchedule, Stream
+
+EARLY_NS = 300_000
+"""An axis that would arrive this much before its plan is slowed in good time."""
+LAST_NS = 150_000
+"""How long before the last safe moment the slowing count is sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +87,29 @@ class StepLane:
         self.axis.settle(now_ns)
 
     def appointment_ns(self, horizon_ns: int) -> int | None:
-        """When the load that begins the next leg has to be sent."""
+        """When the load that begins the next leg has to be sent, or the last count that can safely slow this one."""
         axis = self.axis
-        if axis.moving or axis.next_leg() is None:
+        if axis.moving:
+            return self._last_count_ns()
+        if axis.next_leg() is None:
             return None
         send_ns = axis.lone_start_ns(horizon_ns) - self.schedule.mean_ns(0, LEG_BYTES)
         return send_ns - self.timing.worst_ns(1) if axis.needs_stop_motor() else send_ns
 
+    def _last_count_ns(self) -> int | None:
+        """An axis that would arrive early must be slowed while even its fastest twin has steps to go."""
+        axis = self.axis
+        if axis.arrives_early_ns() < EARLY_NS:
+            return None
+        send_ns = axis.twin.surely_moving_until_ns() - SAFETY_NS - self.schedule.latest_ns(0, COUNT_BYTES) - LAST_NS
+        return send_ns if send_ns > self.schedule.now_ns - LAST_NS else None
+
     def keep(self, turn: Turn) -> Stream:
-        """Begin the leg, or send the Stop Motor that has to come before."""
+        """Begin the leg, or send the Stop Motor that has to come before; or slow the leg that would end early."""
         axis, schedule = self.axis, self.schedule
+        if axis.moving:
+            yield from self.mend(turn)
+            return
         if (yield from schedule.stop_motor(axis)):
             return
         execute_ns = schedule.mean_ns(turn.send_ns, LEG_BYTES)
@@ -119,8 +137,11 @@ class StepLane:
         axis.executed(load, *schedule.window(evidence))
 
     def chore(self, now_ns: int) -> Said:
-        """Stop Motor before a reversal; the moving bit of an axis that has probably arrived."""
+        """Stop Motor before a reversal; the moving bit of an axis that has probably arrived; the group for latches."""
         axis = self.axis
+        if axis.moving and not axis.in_stream:
+            yield from self.schedule.regroup(self.schedule.groups.streaming | {self.address})
+            return True
         first = axis.first_step_ns()
         if first is None or first - now_ns > PREPARE_NS:
             return False

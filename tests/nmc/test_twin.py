@@ -71,6 +71,53 @@ def test_real_chip_lies_between_the_bounds(seed: int) -> None:
     assert twin.surely_moving_until_ns() <= arrival <= twin.surely_stopped_from_ns()
 
 
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_latched_positions_never_exclude_the_real_chip(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chip, twin = Chip(rng.uniform(-100, 100)), StepTimerTwin(100)
+    width = int(rng.integers(0, 1_500_000))
+    now, steps = 0, int(rng.integers(50, 4_000))
+    period = int(rng.integers(80_000, 4_000_000))
+    chip.start(now + rng.uniform(0, width), period, steps)
+    twin.start(now, now + width, period, steps)
+    seen = None
+    for _ in range(int(rng.integers(1, 40))):
+        now += int(rng.integers(3_000_000, 12_000_000))
+        if not twin.surely_moving_until_ns() > now + width + 100_000:
+            break
+        at = now + rng.uniform(0, width)
+        if rng.random() < 0.3:
+            chip.advance(at)
+            twin.latch(now, now + width)
+            seen = steps - chip.left
+            continue
+        period = int(np.clip(period * rng.uniform(0.5, 2.0), 80_000, 8_000_000))
+        chip.load(at, period)
+        twin.load(now, now + width, period)
+        if seen is not None and rng.random() < 0.5:
+            assert twin.latched(seen)
+            seen = None
+    arrival = chip.next_ns + (chip.left - 1) * chip.period_ns
+    assert twin.surely_moving_until_ns() <= arrival <= twin.surely_stopped_from_ns()
+
+
+def test_a_position_that_no_chip_of_the_sheet_can_have_is_told() -> None:
+    twin = StepTimerTwin(100)
+    twin.start(0, 250_000, 1_000_000, 100)
+    twin.latch(50_000_000, 50_250_000)
+    assert not twin.latched(55)
+
+
+def test_a_latch_narrows_the_bounds() -> None:
+    twin = StepTimerTwin(100)
+    twin.start(0, 3_000_000, 1_000_000, 100)
+    wide = twin.surely_stopped_from_ns() - twin.surely_moving_until_ns()
+    twin.latch(50_000_000, 50_100_000)
+    assert twin.latched(49)
+    assert twin.surely_stopped_from_ns() - twin.surely_moving_until_ns() < wide / 2
+
+
 def test_bounds_meet_when_nothing_is_unknown() -> None:
     twin = StepTimerTwin(0)
     twin.start(0, 0, 100_000, 10)

@@ -1,0 +1,76 @@
+"""Positions back from the chips while they run: one group latch, then a read of each in the slack.
+
+Save Current Position as Home (PIC-STEP data sheet, section 5.1) to the streaming group makes all members store their
+counters on one packet; the home registers are read one by one when the bus has time. What comes back closes the bounds
+of the twins, and is the guardian's evidence: a position that no chip of the data sheet could have had ends the stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from nmc.program import Exchange
+from planner.stream_axis import StepAxis
+from planner.stream_base import StepSchedule, Stream
+from planner.stream_error import StreamError
+from planner.stream_regroup import STREAMING_GROUP
+
+SAVE_HOME, READ_STATUS = 0xC, 0x3
+HOME_ITEM = b"\x10"
+HOME_BYTES = 4
+INTERVAL_NS = 60_000_000
+"""Time between two latches: a chip that differs from its twin is stopped within this and a few exchanges."""
+SHARE = 6
+LATE_NS = 6_000_000
+"""On a busy bus a latched position is read after this time, or as one exchange in ``SHARE``."""
+
+
+class Feedback:
+    """The round of latch and reads of one bus."""
+
+    def __init__(self, schedule: StepSchedule, axes: Sequence[StepAxis]) -> None:
+        self.schedule = schedule
+        self.axes = list(axes)
+        self.next_ns = 0
+        self.since_ns = 0
+        self._others = 0
+        self._unread: list[StepAxis] = []
+
+    def overdue(self) -> bool:
+        """The round is late: it takes its share of a busy bus, one exchange in ``SHARE``."""
+        self._others += 1
+        late_ns = LATE_NS if self._unread else INTERVAL_NS // 2
+        return self._others >= SHARE and self.schedule.now_ns > self.since_ns + late_ns
+
+    def due(self) -> bool:
+        """There is something to send: a latched position is unread, or a latch is due and an axis would take part."""
+        if self._unread:
+            return True
+        return self.schedule.now_ns > self.next_ns and any(axis.moving and axis.in_stream for axis in self.axes)
+
+    def step(self) -> Stream:
+        """Send the next exchange of the round."""
+        self._others = 0
+        self.since_ns = max(self.schedule.now_ns, self.next_ns)
+        if self._unread:
+            yield from self._read(self._unread.pop(0))
+            return
+        schedule = self.schedule
+        evidence = yield Exchange(STREAMING_GROUP, SAVE_HOME, bus=schedule.bus)
+        window = schedule.window(evidence)
+        self._unread = [axis for axis in self.axes if axis.moving and axis.in_stream]
+        for axis in self._unread:
+            axis.twin.latch(*window)
+        self.next_ns = schedule.now_ns + INTERVAL_NS
+
+    def _read(self, axis: StepAxis) -> Stream:
+        leg = axis.leg
+        evidence = yield Exchange(
+            axis.motor.address, READ_STATUS, HOME_ITEM, reply_extra=HOME_BYTES, bus=self.schedule.bus
+        )
+        if leg is None or axis.leg is not leg:
+            return
+        home = int.from_bytes(evidence.extra, "little", signed=True)
+        if not axis.twin.latched((home - leg.start_steps) * leg.direction):
+            name = axis.motor.name
+            raise StreamError(f"axis {name} was at step {home}, where its twins exclude it", name)
