@@ -19,6 +19,7 @@ class Mode(IntEnum):
 
 
 POSITION, SPEED, ACCELERATION, COUNT = 1, 2, 4, 8  # control byte bits 0..3
+_NAMES = ("position", "velocity", "acceleration", "timer count")
 
 # (goal, start): position, velocity, acceleration, timer count
 TABLE_4: dict[tuple[Mode, Mode], str] = {
@@ -41,8 +42,7 @@ _CELL_ITEM: dict[tuple[Mode, Mode], str] = {
 }
 
 
-def goal_of(start: Mode, loaded: int) -> Mode:
-    """The mode that a load asks for: it is chosen by which data are loaded (section 5.1)."""
+def _goal_of(start: Mode, loaded: int) -> Mode:
     if loaded & COUNT:
         if loaded & POSITION:
             return Mode.UNPROFILED_STOP
@@ -50,23 +50,33 @@ def goal_of(start: Mode, loaded: int) -> Mode:
     return Mode.TRAP if loaded & POSITION else Mode.VELOCITY
 
 
-def refusal(start: Mode, loaded: int) -> tuple[str, str] | None:
-    """Why Table 4 forbids executing a load in mode ``start``: (rule, reason); None if it is allowed."""
-    goal = goal_of(start, loaded)
+def _refusal(start: Mode, loaded: int) -> tuple[str, str] | None:
+    goal = _goal_of(start, loaded)
     rule = _CELL_ITEM[goal, start]
     cell = TABLE_4.get((goal, start))
     what = f"{goal.name} from {start.name}"
     if cell is None:
         return rule, f"Table 4: {what} is not allowed"
-    for bit, sign, name in zip(
-        (1, 2, 4, 8), cell, ("position", "velocity", "acceleration", "timer count"), strict=True
-    ):
+    for bit, sign, name in zip((1, 2, 4, 8), cell, _NAMES, strict=True):
         if sign == "X" and loaded & bit:
             return rule, f"Table 4: {what} must not load {name}"
         if sign == "V" and not loaded & bit:
-            doubtful = (goal, start) == (
-                Mode.VELOCITY,
-                Mode.TRAP,
-            )  # the cell prints a count, which selects another mode
+            # X-20: this cell prints a count, and loading a count is what selects an unprofiled mode
+            doubtful = (goal, start) == (Mode.VELOCITY, Mode.TRAP)
             return "X-20" if doubtful else rule, f"Table 4: {what} must load {name}"
     return None
+
+
+_LOADS = [(start, loaded) for start in Mode for loaded in range(16)]
+_GOALS = {key: _goal_of(*key) for key in _LOADS}
+_REFUSALS = {key: _refusal(*key) for key in _LOADS}
+
+
+def goal_of(start: Mode, loaded: int) -> Mode:
+    """The mode that a load asks for: it is chosen by which data are loaded (section 5.1)."""
+    return _GOALS[start, loaded]
+
+
+def refusal(start: Mode, loaded: int) -> tuple[str, str] | None:
+    """Why Table 4 forbids executing a load in mode ``start``: (rule, reason); None if it is allowed."""
+    return _REFUSALS[start, loaded]
