@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
 from gcode.canon import KIND_RAPID, Command, MoveBlock, Rapid
 from groupstart.picture import PathData, PinData
-from machines.judge import step_runs
+from machines.judge import trace_pins
+from machines.runner import RunResult
+from machines.schema import MachineConfig
+from machines.wiring import motors, scale_of
+from planner.motors import Motor
 from planner.planfile import sample_times
 from planner.types import Trajectory
-from sim.pulses import pulses
-from sim.trace import Trace
 
 
 def path_data(trajectory: Trajectory, commands: Iterable[Command | MoveBlock]) -> PathData:
@@ -33,10 +35,16 @@ def path_data(trajectory: Trajectory, commands: Iterable[Command | MoveBlock]) -
     return PathData(tuple(trajectory.axes), t_s, trajectory.q(t_s), trajectory.v(t_s), rapid)
 
 
-def pin_data(trace: Trace, axes: tuple[str, ...], motor_axis: Mapping[str, str], scale: Mapping[str, float]) -> PinData:
-    """Where the axes stood after each pulse, by their first motors, in mm and on the plan's clock."""
-    pins = pulses(step_runs(trace))
-    first = {axis: name for name, axis in reversed(list(motor_axis.items()))}
-    columns = [trace.axes.index(first[axis]) for axis in axes if axis in first]
-    steps = np.array([scale[trace.axes[column]] for column in columns])
-    return PinData((pins.time_ns - trace.plan_start_ns) * 1e-9, pins.position_steps[:, columns] / steps)
+def pin_data(config: MachineConfig, result: RunResult, axes: tuple[str, ...]) -> PinData | None:
+    """Where the axes stood, by their first motors (of servos the shaft), in mm and on the plan's clock."""
+    trace, outcome = result.trace, result.outcome
+    if trace is None or outcome is None:
+        return None
+    out = trace_pins(trace, outcome.begins_at, trace.servo_position)
+    first: dict[str, Motor] = {}
+    for motor in motors(config):
+        first.setdefault(motor.axis, motor)
+    columns = [trace.axes.index(first[axis].name) for axis in axes]
+    scale = np.array([scale_of(first[axis]) for axis in axes])
+    begun = out.time_ns >= trace.plan_start_ns
+    return PinData((out.time_ns[begun] - trace.plan_start_ns) * 1e-9, out.position[begun][:, columns] / scale)

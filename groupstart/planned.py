@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import click
@@ -11,6 +12,7 @@ from groupstart.exits import EXIT_REFUSED, VerbError
 from groupstart.inputs import diagnostic_texts, program_setup, refuse_if_bad
 
 if TYPE_CHECKING:
+    from gcode.canon import Position
     from groupstart.programoptions import ProgramChoices
     from machines.job import Job
     from machines.load import MachineFile
@@ -18,11 +20,19 @@ if TYPE_CHECKING:
     from planner.timing import Solver
 
 
-def checked_job(name: str, text: str, choices: ProgramChoices, machine: MachineFile) -> Job:
-    """Read and check a program; its diagnostics go to stderr. Raises VerbError if there are errors."""
+def checked_job(
+    name: str, text: str, choices: ProgramChoices, machine: MachineFile, start: Position | None = None
+) -> Job:
+    """Read and check a program; its diagnostics go to stderr. Raises VerbError if there are errors.
+
+    ``start``: where the machine stands, machine zero if it is not known yet.
+    """
     from machines.job import read_job
 
-    job = read_job(text, program_setup(name, choices), machine.config)
+    setup = program_setup(name, choices)
+    if start is not None:
+        setup = replace(setup, start=start)
+    job = read_job(text, setup, machine.config)
     refuse_if_bad(job)
     return job
 
@@ -39,11 +49,16 @@ def planned(job: Job, machine: MachineFile, solver: str) -> Plan:
         raise VerbError("\n".join(diagnostic_texts([found], job.text)), EXIT_REFUSED) from None
 
 
-def refuse_unstreamable(machine: MachineFile) -> None:
-    """Raise VerbError if programs cannot run on this machine yet."""
-    from machines.profiles import why_not_streamed
+def refuse_unstreamable(machine: MachineFile, profile: str, simulated: bool) -> None:
+    """Raise VerbError if programs cannot run on this machine, or not with this profile."""
+    from machines.profiles import choose_profile, why_not_streamed
 
     reason = why_not_streamed(machine.config)
+    try:
+        if not reason:
+            choose_profile(machine.config, profile, simulated)
+    except ValueError as error:
+        reason = str(error)
     if reason:
         raise VerbError(f"{machine.config.machine.name}: {reason}", EXIT_REFUSED)
 

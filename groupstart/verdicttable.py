@@ -18,7 +18,10 @@ def print_verdict(verdict: Verdict) -> None:
         table.add_row(what, value)
     console.print(table)
     if verdict.ok:
-        console.print("GO: the motion is the plan, to the step", style="bold green")
+        words = (
+            "the motion is the plan, to the step" if verdict.sim_time_s is not None else "every axis ended on its step"
+        )
+        console.print(f"GO: {words}", style="bold green")
     else:
         console.print("NO-GO: " + "; ".join(verdict.reasons), style="bold red")
 
@@ -32,6 +35,8 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
     if verdict.contour_steps is not None and verdict.contour_um is not None:
         rows.append(("contour error", f"{_spread(verdict.contour_steps)} steps, worst in line {verdict.worst_line}"))
         rows.append(("", f"{_spread(verdict.contour_um)} um"))
+    if verdict.motor_contour_um is not None:
+        rows.append(("shafts from the plan", f"{_spread(verdict.motor_contour_um)} um"))
     if verdict.program_um is not None:
         rows.append(("from the programmed path", f"at most {verdict.program_um:.1f} um"))
     if verdict.lag_ms is not None:
@@ -46,6 +51,8 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
             f"{verdict.late_slices} late",
         )
     )
+    if verdict.sim_time_s is None:
+        return rows  # what went against the data sheets only the twin can tell
     names = ", ".join(f"{name}: {count}" for name, count in verdict.violations.items())
     rows.append(("violations of the data sheets", names or "none"))
     return rows

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
+from machines.takeover import found_ready, take_over
 from machines.wiring import bus_specs, motor_tables, servo_tables, speed_mode
 from nmc.bus import Bus
 from nmc.chips import picstep
@@ -21,6 +22,9 @@ from nmc.setup import ModuleExpectation, ModuleInfo, start_up
 from sim.build import Simulation, build
 
 SIM = "sim"
+STEADY_POLL_NS = 10_000_000
+STEADY_FOR_NS = 300_000_000
+STEADY_WITHIN_NS = 3_000_000_000
 
 
 @dataclass(slots=True)
@@ -84,19 +88,29 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
     return Connection(config, opened, [Bus(link) for link in opened], None)
 
 
-def bring_up(connection: Connection) -> None:
-    """Start every bus and make every motor ready. Raises NmcError with what was found where it should not be."""
+def bring_up(connection: Connection) -> bool:
+    """Make every bus and motor ready; on ports that is first tried without a reset, so that positions are kept.
+
+    Returns whether the counters are those of an earlier session. Raises NmcError with what was found where it should
+    not be.
+    """
     config = connection.config
+    kept = connection.simulation is None and all(
+        found_ready(bus, expectations(config, name), table.baud)
+        for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True)
+    )
     for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True):
-        connection.modules[name] = start_up(bus, expectations(config, name), table.baud)
+        wanted = expectations(config, name)
+        connection.modules[name] = take_over(bus, wanted) if kept else start_up(bus, wanted, table.baud)
     for axis, step in motor_tables(config).values():
         stepper = PicStep(bus_of(connection, step.bus), step.address)
-        _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x")
+        _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x", kept)
     for _, servo in servo_tables(config).values():
-        _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo)
+        _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
+    return kept
 
 
-def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
+def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: bool) -> None:
     step = table.step
     stepper.set_parameters(
         mode,
@@ -109,11 +123,12 @@ def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
         motor_off_on_stop=step.motor_off_on_stop,
     )
     stepper.stop_motor("abruptly")
-    stepper.reset_position()
+    if not kept:
+        stepper.reset_position()
     stepper.bus.arm_faults(stepper.address, low=picstep.STATUS_POWER)
 
 
-def _ready_servo(servo: PicServo, table: ServoMotorTable) -> None:
+def _ready_servo(servo: PicServo, table: ServoMotorTable, kept: bool) -> None:
     """Gains first, then the position servo: with zero gains an amplifier that is on holds nothing."""
     chosen = table.servo
     servo.set_gain(
@@ -129,11 +144,30 @@ def _ready_servo(servo: PicServo, table: ServoMotorTable) -> None:
             deadband=chosen.deadband,
         )
     )
-    servo.stop_motor("motor_off", amplifier=False)
-    servo.reset_position()
-    servo.stop_motor("abruptly")
+    if not kept:
+        servo.stop_motor("abruptly")
     servo.clear_sticky_bits()
     servo.require_ready()
+    wait_until_steady(servo)
+    if not kept:
+        servo.reset_position()  # only now: while its amplifier was off, a loaded axis may have slipped
+
+
+def wait_until_steady(servo: PicServo) -> int:
+    """Wait until the shaft has come to its command, at most ``STEADY_WITHIN_NS``; returns where it stands.
+
+    When its amplifier comes on under load, an axis sags until the integral term has found the load.
+    """
+    link = servo.bus.link
+    deadline_ns = link.now_ns() + STEADY_WITHIN_NS
+    stood = servo.position()
+    since_ns = link.now_ns()
+    while link.now_ns() - since_ns < STEADY_FOR_NS and link.now_ns() < deadline_ns:
+        servo.poll(STEADY_POLL_NS)
+        now = servo.position()
+        if abs(now - stood) > 1:
+            stood, since_ns = now, link.now_ns()
+    return stood
 
 
 def expectations(config: MachineConfig, bus: str) -> list[ModuleExpectation]:

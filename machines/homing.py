@@ -129,9 +129,7 @@ def home_servo(config: MachineConfig, axis: str, table: ServoMotorTable, chip: P
     zero = edge.home_position - round(home.position * scale)
     go(zero)
     _settle(chip, zero)
-    chip.stop_motor("motor_off", amplifier=True)
     chip.reset_position()
-    chip.stop_motor("abruptly")
     return Homed(axis, edge.home_position, edge.home_position - fast.home_position)
 
 

@@ -10,14 +10,14 @@ import numpy.typing as npt
 from machines.schema import MachineConfig
 from machines.session import Outcome
 from machines.verdict import BusUse, Peak, Spread, Verdict, reasons_against
-from machines.wiring import motor_tables, step_motors
+from machines.wiring import motors, scale_of
 from planner.plan import Plan
 from planner.planfile import sample_times
 from planner.quantize import nearest_step
 from planner.types import Trajectory
-from sim.compare import Contour, Reference, compare
+from sim.compare import Contour, Reference, compare_pins
 from sim.compare import Spread as SimSpread
-from sim.pulses import StepRuns
+from sim.pulses import Pins, ServoTrack, StepRuns, pins
 from sim.trace import Trace
 
 F8 = npt.NDArray[np.float64]
@@ -34,7 +34,9 @@ def judge(
 ) -> Verdict:
     """The verdict of a run. ``trace``: of the twin, None on real ports; ``programmed``: polyline f8[M, A] or None."""
     trajectory = plan.trajectory
-    contour = None if trace is None else _contour(config, trajectory, outcome, trace, programmed)
+    contour, shaft = None, None
+    if trace is not None:
+        contour, shaft = _contours(config, trajectory, outcome, trace, programmed)
     end_error = _end_error(config, trajectory, outcome) if contour is None else contour.end_error_steps
     steps = None if contour is None else _spread(contour.contour_steps)
     sim_time_s = None if contour is None else contour.sim_time_s
@@ -54,6 +56,7 @@ def judge(
         sim_time_s=sim_time_s,
         contour_um=None if contour is None else _spread(contour.contour_um),
         contour_steps=steps,
+        motor_contour_um=None if shaft is None else _spread(shaft.contour_um),
         program_um=None if contour is None or programmed is None else contour.program_um,
         lag_ms=None if contour is None else (contour.lag_ms_max, contour.lag_ms_rms),
         end_error_steps=end_error,
@@ -88,26 +91,53 @@ def step_runs(trace: Trace) -> StepRuns:
     )
 
 
-def _contour(
+def trace_pins(trace: Trace, begins_at: Mapping[str, int], servo_counts: npt.NDArray[np.int32]) -> Pins:
+    """Where the motors stood, in the counters that held when the run began.
+
+    Homing sets a stepper's counter to zero on the way, which its pulses do not show: the counter that was read back
+    before the run says where the pulses stand. ``servo_counts``: i4[S], command or shaft of the servo samples. A chip
+    shows whole counts; while they change, the truth lies half a count above on average.
+    """
+    tracks = []
+    for motor in np.unique(trace.servo_axis):
+        mine = trace.servo_axis == motor
+        counts = servo_counts[mine]
+        changes = np.diff(counts, prepend=counts[0]) != 0
+        tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts + 0.5 * changes))
+    found = pins(step_runs(trace), tracks)
+    at = int(np.searchsorted(found.time_ns, trace.plan_start_ns))
+    stood = found.position[at - 1] if at else trace.start_steps.astype(np.float64)
+    shift = np.zeros(len(trace.axes))
+    for number, name in enumerate(trace.axes):
+        if number not in trace.servo_axis and name in begins_at:
+            shift[number] = begins_at[name] - stood[number]
+    return Pins(found.time_ns, found.position + shift)
+
+
+def _contours(
     config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace, programmed: F8 | None
-) -> Contour:
-    motors = motor_tables(config)
-    return compare(
-        reference_of(trajectory, programmed),
-        step_runs(trace),
-        trace.axes,
-        tuple(motors[name][0] for name in trace.axes),
-        np.array([motors[name][1].steps_per_unit for name in trace.axes]),
-        outcome.plan_start_ns,
-    )
+) -> tuple[Contour, Contour | None]:
+    """What was commanded against the plan, and of a machine with servos also where the shafts were."""
+    by_name = {motor.name: motor for motor in motors(config)}
+    names = trace.axes
+    followed = tuple(by_name[name].axis for name in names)
+    scale = np.array([scale_of(by_name[name]) for name in names])
+    reference = reference_of(trajectory, programmed)
+
+    def against(servo_counts: npt.NDArray[np.int32]) -> Contour:
+        out = trace_pins(trace, outcome.begins_at, servo_counts)
+        return compare_pins(reference, out, names, followed, scale, outcome.plan_start_ns)
+
+    shaft = against(trace.servo_position) if len(trace.servo_axis) else None
+    return against(trace.servo_command), shaft
 
 
 def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:
     end = trajectory.q(np.array([trajectory.duration_s]))[0]
     return {
         motor.name: outcome.positions[motor.name]
-        - nearest_step(float(end[trajectory.axes.index(motor.axis)]), motor.steps_per_unit)
-        for motor in step_motors(config)
+        - nearest_step(float(end[trajectory.axes.index(motor.axis)]), scale_of(motor))
+        for motor in motors(config)
     }
 
 

@@ -2,25 +2,33 @@
 
 ``adaptive`` needs to know when a timer count that is loaded while the motor runs takes effect. On the twin ``[sim]``
 says it; on a port only what was measured on that module and written into its axis counts (``count_latch``).
+PIC-SERVO axes get ``smooth`` (velocity and acceleration a slice) on the twin, whose host keeps its time; on a port they
+get Stop Here points, which leave the axis standing when the host dies, unless ``smooth`` is asked for.
 """
 
 from __future__ import annotations
 
+from typing import cast
+
 from machines.schema import MachineConfig
-from machines.wiring import motor_tables, servo_tables
+from machines.wiring import motor_tables, motors, servo_tables
+from planner.stream import PROFILES, Profile
 
-STEP_PROFILES = ("group", "adaptive")
 
-
-def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> str:
-    """The profile to stream with. Raises ValueError for one that PIC-STEP axes do not offer."""
+def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profile:
+    """The profile to stream with. Raises ValueError for one that the machine's chips do not offer."""
+    steppers, servos = motor_tables(config), servo_tables(config)
+    if wanted not in PROFILES:
+        raise ValueError(f"profile {wanted} is not offered; offered: {', '.join(PROFILES)}")
+    if wanted in ("group", "adaptive") and not steppers:
+        raise ValueError(f"profile {wanted} is one of PIC-STEP axes, this machine has none")
+    if wanted in ("stop-here", "smooth") and not servos:
+        raise ValueError(f"profile {wanted} is one of PIC-SERVO axes, this machine has none")
     if wanted != "auto":
-        if wanted not in STEP_PROFILES:
-            raise ValueError(f"profile {wanted} is not offered for PIC-STEP axes; offered: {', '.join(STEP_PROFILES)}")
-        return wanted
-    latches = (
-        {config.sim.count_latch} if simulated else {table.count_latch for _, table in motor_tables(config).values()}
-    )
+        return cast("Profile", wanted)
+    if servos:
+        return "smooth" if simulated else "stop-here"
+    latches = {config.sim.count_latch} if simulated else {table.count_latch for _, table in steppers.values()}
     return "adaptive" if latches == {"rollover"} else "group"
 
 
@@ -29,10 +37,9 @@ def why_not_streamed(config: MachineConfig) -> str:
     others = [name for name, table in config.axis.items() if table.chip == "cy545"]
     if others:
         return f"axis {', '.join(others)}: programs cannot move a CY545 axis yet"
-    servos = servo_tables(config)
-    if servos:
-        return f"motor {', '.join(servos)}: programs cannot move PIC-SERVO axes yet"
-    buses = {table.bus for _, table in motor_tables(config).values()}
-    if len(buses) > 1:
-        return f"motors on several buses ({', '.join(sorted(buses))}): programs can move those of one bus so far"
+    divided = [name for name, (_, table) in servo_tables(config).items() if table.servo.servo_rate_divisor != 1]
+    if divided:
+        return f"motor {', '.join(divided)}: programs need servo_rate_divisor = 1"
+    if len({motor.bus for motor in motors(config)}) > 1:
+        return "motors on several buses: programs can move those of one bus so far"
     return ""

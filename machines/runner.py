@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from gcode.canon import AXES, Position
 from machines.job import Job
 from machines.judge import judge
 from machines.load import MachineFile
 from machines.programmed import programmed_path
 from machines.session import Note, Outcome, Session, SessionError
 from machines.verdict import Verdict
-from machines.wiring import motor_tables, planned_axes
+from machines.wiring import motors, planned_axes, scale_of
+from planner.motors import Motor, ServoMotor, StepMotor
 from planner.plan import Plan
 from planner.stream import Progress
 from sim.trace import Trace
 from sim.violations import Violation
+
+SERVO_STANDS_WITHIN = 4.0
+"""Counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +32,23 @@ class RunOptions:
     port: str | None = None
     seed: int | None = None
     profile: str = "auto"
+    home: tuple[str, ...] = ()
+
+
+Replan = Callable[[Position], tuple[Job, Plan]]
+"""Reads and plans the job again from another start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResult:
     """Everything a run leaves behind. ``trace``: of the twin; ``records``: bytes of real ports as text by bus.
 
-    ``verdict`` is None after a stop or a fault; ``fault`` then says what happened.
+    ``verdict`` is None after a stop or a fault; ``fault`` then says what happened. ``job`` and ``plan`` are those that
+    ran: from where the machine really stood.
     """
 
+    job: Job
+    plan: Plan
     outcome: Outcome | None
     verdict: Verdict | None
     trace: Trace | None
@@ -51,14 +66,21 @@ def perform(
     note: Note | None = None,
     progress: Callable[[Progress], None] | None = None,
     stop_requested: Callable[[], bool] | None = None,
+    replan: Replan | None = None,
 ) -> RunResult:
-    """Run a planned job on a machine and judge it. A fault of the machine is a result, not an exception."""
+    """Run a planned job on a machine and judge it. A fault of the machine is a result, not an exception.
+
+    ``replan``: called when the machine does not stand where the plan begins; what it raises ends the run before motion.
+    """
     config = machine.config
     outcome: Outcome | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
         try:
             session.connect()
+            if options.home:
+                session.home(options.home)
+            job, plan = _from_here(session, job, plan, replan)
             outcome = session.run(
                 plan.trajectory,
                 profile=options.profile,
@@ -69,21 +91,58 @@ def perform(
             fault = _with_places(str(error), error.positions, machine)
         simulation = session.simulation
         records = session.records()
-    trace = simulation.trace() if simulation else None
+    trace = _scaled(simulation.trace(), outcome, machine) if simulation else None
     violations = tuple(simulation.violations) if simulation else ()
     if outcome is not None and not outcome.finished:
         fault = _with_places(f"stopped on request in line {outcome.line}", outcome.positions, machine)
     if outcome is None or fault:
-        return RunResult(outcome, None, trace, violations, records, fault)
+        return RunResult(job, plan, outcome, None, trace, violations, records, fault)
     programmed = programmed_path(job.commands, planned_axes(config), job.start)
     counts = simulation.log.counts() if simulation else {}
     verdict = judge(config, plan, outcome, trace, counts, programmed)
-    return RunResult(outcome, verdict, trace, violations, records)
+    return RunResult(job, plan, outcome, verdict, trace, violations, records)
+
+
+def _from_here(session: Session, job: Job, plan: Plan, replan: Replan | None) -> tuple[Job, Plan]:
+    """The job and plan that begin where the machine stands."""
+    where = session.where()
+    slack = {motor.axis: _slack(motor) / abs(scale_of(motor)) for motor in motors(session.config)}
+    away = [axis for axis, place in where.items() if abs(place - job.start[AXES.index(axis)]) > slack[axis]]
+    if not away:
+        return job, plan
+    if replan is None:
+        places = ", ".join(f"{axis} at {where[axis]:.3f}" for axis in away)
+        raise SessionError(f"the plan does not begin where the machine stands ({places})")
+    return replan(position_of(where))
+
+
+def _slack(motor: Motor) -> float:
+    """Steps or counts by which a motor may stand beside the start of its plan: a servo's shaft is never quite still."""
+    return SERVO_STANDS_WITHIN if isinstance(motor, ServoMotor) else 0.5
+
+
+def position_of(where: Mapping[str, float]) -> Position:
+    """A position of nine from axes by name, 0 for those that are not there."""
+    x, y, z, a, b, c, u, v, w = (where.get(axis, 0.0) for axis in AXES)
+    return x, y, z, a, b, c, u, v, w
+
+
+def _scaled(trace: Trace, outcome: Outcome | None, machine: MachineFile) -> Trace:
+    """The trace with what only the machine's description knows: scales, and where the plan begins."""
+    driven = {motor.name: motor for motor in motors(machine.config)}
+    steps = [scale_of(motor) if isinstance(motor := driven[name], StepMotor) else 0.0 for name in trace.axes]
+    counts = [scale_of(motor) if isinstance(motor := driven[name], ServoMotor) else 0.0 for name in trace.axes]
+    return replace(
+        trace,
+        steps_per_unit=np.array(steps),
+        counts_per_unit=np.array(counts),
+        plan_start_ns=outcome.plan_start_ns if outcome else 0,
+    )
 
 
 def scales(machine: MachineFile) -> dict[str, float]:
-    """Steps a unit by motor, as a trace keeps them."""
-    return {name: table.steps_per_unit for name, (_, table) in motor_tables(machine.config).items()}
+    """Steps or counts a unit by motor."""
+    return {motor.name: scale_of(motor) for motor in motors(machine.config)}
 
 
 def _with_places(words: str, positions: dict[str, int] | None, machine: MachineFile) -> str:

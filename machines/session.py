@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from machines import bringup
 from machines.bringup import Connection
@@ -22,18 +22,19 @@ from machines.homing import Homed, home_servo, home_stepper
 from machines.patience import PatientSource
 from machines.profiles import choose_profile
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
-from machines.wiring import bus_timing, motor_tables, step_motors
+from machines.wiring import bus_timing, motors, scale_of, servo_tables
 from nmc.errors import NmcError
 from nmc.executor import play
 from nmc.picservo import PicServo
 from nmc.picstep import PicStep
 from nmc.program import Evidence, ExchangeSource
-from planner.stream import LEAD_IN_NS, Profile, Progress, StreamCounts, make_source
+from planner.stream import Progress, StreamCounts, lead_in_ns, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
 
 PROGRESS_EVERY_NS = 100_000_000
+SETTLE_NS = 200_000_000
 
 
 class RunSource(ExchangeSource, Protocol):
@@ -84,13 +85,17 @@ class StreamStatistics:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended. ``plan_start_ns``: link time of t = 0; ``positions``: counters in steps by motor."""
+    """How a run ended. ``plan_start_ns``: link time of t = 0.
+
+    ``begins_at``, ``positions``: counters of the motors before and after, as read back from their chips.
+    """
 
     finished: bool
     plan_start_ns: int
     end_ns: int
     line: int
     positions: dict[str, int]
+    begins_at: dict[str, int] = field(default_factory=dict)
     statistics: StreamStatistics = field(default_factory=StreamStatistics)
 
 
@@ -145,13 +150,21 @@ class Session:
         """Open the links and start every bus. Raises SessionError."""
         try:
             self._connection = bringup.connect(self.config, self._port, self._seed)
-            bringup.bring_up(self._connection)
+            kept = bringup.bring_up(self._connection)
         except (NmcError, ValueError) as error:
             self._change(State.FAULTED)
             raise SessionError(f"the machine does not start: {error}") from error
         for bus, modules in self._connection.modules.items():
             found = [f"{module.address}: {module.chip} version {module.version}" for module in modules]
-            self.note("connected", self.now_ns, bus=bus, modules=found)
+            self.note("connected", self.now_ns, bus=bus, modules=found, kept_positions=kept)
+
+    def where(self) -> dict[str, float]:
+        """Machine position of every axis by its first motor, read back from the chips; mm or degrees."""
+        counters = self._positions()
+        found: dict[str, float] = {}
+        for motor in motors(self.config):
+            found.setdefault(motor.axis, counters[motor.name] / scale_of(motor))
+        return found
 
     def run(
         self,
@@ -166,6 +179,7 @@ class Session:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
         source: RunSource | None = None
+        begins_at = self._positions()
         try:
             source = self._source(trajectory, profile)
             finished, statistics = self._stream(source, progress or _nothing, stop_requested)
@@ -185,6 +199,7 @@ class Session:
             end_ns=self.now_ns,
             line=source.progress().line,
             positions=self._positions(),
+            begins_at=begins_at,
             statistics=statistics,
         )
 
@@ -236,14 +251,13 @@ class Session:
             self._connection.close()
 
     def _source(self, trajectory: Trajectory, profile: str) -> RunSource:
-        motors = step_motors(self.config)
+        driven = motors(self.config)
         simulated = self.connection.simulation is not None
-        timing = bus_timing(self.config, motors[0].bus, simulated)
+        timing = bus_timing(self.config, driven[0].bus, simulated)
         chosen = choose_profile(self.config, profile, simulated)
         self.note("profile", self.now_ns, profile=chosen)
-        return make_source(
-            trajectory, motors, timing=timing, start_ns=self.now_ns + LEAD_IN_NS, profile=cast("Profile", chosen)
-        )
+        start_ns = self.now_ns + lead_in_ns(driven, timing)
+        return make_source(trajectory, driven, timing=timing, start_ns=start_ns, profile=chosen)
 
     def _stream(
         self, source: RunSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]
@@ -255,7 +269,7 @@ class Session:
         wire_bytes = sum(each.bytes_out + each.bytes_in for each in counters)
         next_ns, line = self.now_ns, 0
         finished = True
-        patient = PatientSource(source, step_motors(self.config)[0].address)
+        patient = PatientSource(source, motors(self.config)[0].address)
         for evidence in play(self.connection.buses, patient):
             statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
             if evidence.exchange.line != line:
@@ -272,8 +286,15 @@ class Session:
         statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
         progress(source.progress())
         if finished:
+            self._settle()
             self.note("run_ends", self.now_ns)
         return finished, statistics
+
+    def _settle(self) -> None:
+        """A servo comes to rest a little after its command: give it time before it is asked where it stands."""
+        if servo_tables(self.config):
+            link = self.connection.links[0]
+            link.sleep_until(link.now_ns() + SETTLE_NS)
 
     def _stop_on_request(self, evidence: Evidence) -> None:
         self.note("stop_requested", self.now_ns, line=evidence.exchange.line)
@@ -295,8 +316,3 @@ class Session:
     def _change(self, state: State) -> None:
         self.state = state
         self.note("state", self.now_ns, state=state.value)
-
-
-def motor_names(config: MachineConfig) -> tuple[str, ...]:
-    """Motors in the order in which the trace has them."""
-    return tuple(motor_tables(config))

@@ -52,6 +52,7 @@ class Verdict:
     sim_time_s: float | None
     contour_um: Spread | None
     contour_steps: Spread | None
+    motor_contour_um: Spread | None
     program_um: float | None
     lag_ms: tuple[float, float] | None
     end_error_steps: dict[str, int]
@@ -68,6 +69,8 @@ class Verdict:
         data = asdict(self)
         data["axes"] = list(self.axes)
         data["reasons"] = list(self.reasons)
+        if self.motor_contour_um is None:
+            del data["motor_contour_um"]  # steppers have no shaft of their own
         data["program_um"] = None if self.program_um is None else {"max": self.program_um}
         data["lag_ms"] = None if self.lag_ms is None else {"max": self.lag_ms[0], "rms": self.lag_ms[1]}
         return data

@@ -12,7 +12,7 @@ from gcode.canon import AXES
 from machines.schema import MachineConfig, PlantTable, ServoMotorTable, SimMotor, StepMotorTable
 from machines.travel import Travel
 from nmc.budget import BusTiming
-from planner.motors import StepMotor
+from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import speed_mode_for
 from planner.types import Limits
 from sim.spec import BusSpec, IoModule, Module, ServoModule, ServoPlant, StepModule, Switch
@@ -58,20 +58,21 @@ def motor_tables(config: MachineConfig) -> dict[str, tuple[str, StepMotorTable]]
     return found
 
 
-def step_motors(config: MachineConfig) -> list[StepMotor]:
-    """Motors as planner lowers to them."""
+def motors(config: MachineConfig) -> list[Motor]:
+    """Motors as planner lowers to them, in the order of the buses and of their chains, as a trace has them."""
     buses = list(config.bus)
-    return [
-        StepMotor(
-            name=name,
-            axis=axis,
-            bus=buses.index(table.bus),
-            address=table.address,
-            steps_per_unit=table.steps_per_unit,
-            speed_mode=speed_mode(config, axis, table),
-        )
-        for name, (axis, table) in motor_tables(config).items()
-    ]
+    found: list[Motor] = []
+    for name, (axis, step) in motor_tables(config).items():
+        mode = speed_mode(config, axis, step)
+        found.append(StepMotor(name, axis, buses.index(step.bus), step.address, step.steps_per_unit, mode))
+    for name, (axis, servo) in servo_tables(config).items():
+        found.append(ServoMotor(name, axis, buses.index(servo.bus), servo.address, servo.counts_per_unit))
+    return sorted(found, key=lambda motor: (motor.bus, motor.address))
+
+
+def scale_of(motor: Motor) -> float:
+    """Steps or counts a unit, signed."""
+    return motor.steps_per_unit if isinstance(motor, StepMotor) else motor.counts_per_unit
 
 
 def speed_mode(config: MachineConfig, axis: str, table: StepMotorTable) -> int:

@@ -16,12 +16,12 @@ from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
 
 if TYPE_CHECKING:
+    from gcode.canon import Position
     from machines.job import Job
     from machines.load import MachineFile
     from machines.rundir import RunFolder
-    from machines.runner import RunOptions, RunResult
+    from machines.runner import Replan, RunOptions, RunResult
     from planner.plan import Plan
-    from sim.trace import Trace
 
 EXAMPLE = "compass.nc"
 
@@ -33,6 +33,7 @@ EXAMPLE = "compass.nc"
 @solver_option
 @stream_options
 @click.option("--port", metavar="sim|PATH", help="Port of the machine's bus instead of the one in its file.")
+@click.option("--home", multiple=True, metavar="AXIS", help="Home this axis before the run; may be repeated.")
 @click.option("--runs", type=click.Path(), default="runs", show_default=True, help="Folder of the run folders.")
 @click.option("--json", "as_json", is_flag=True, help="The verdict as JSON.")
 def command(
@@ -43,6 +44,7 @@ def command(
     profile: str,
     seed: int | None,
     port: str | None,
+    home: tuple[str, ...],
     runs: str,
     as_json: bool,
 ) -> None:
@@ -51,21 +53,28 @@ def command(
     The whole program is checked and planned before anything moves. Ctrl-C first stops every motor, then ends the
     program with exit status 2. On the simulated machine the verdict decides: 0 good, 1 not.
     """
+    from machines.bringup import is_simulated
     from machines.rundir import RunFolder
     from machines.runner import RunOptions
 
     name = file or EXAMPLE
     text = read_program(file) if file is not None else example_text()
     described = open_machine(machine)
-    refuse_unstreamable(described)
+    refuse_unstreamable(described, profile, is_simulated(described.config, port))
     job = checked_job(name, text, choices, described)
     plan = planned(job, described, solver)
     with RunFolder.create(Path(runs), name) as folder:
         folder.write("job.nc", text)
         folder.write("machine.toml", described.text)
         plan.save(folder.path / "plan.npz")
-        result = run_in(folder, job, plan, described, RunOptions(port=port, seed=seed, profile=profile))
-        leave(folder, job, plan, described, result)
+        options = RunOptions(port=port, seed=seed, profile=profile, home=home)
+
+        def replan(start: Position) -> tuple[Job, Plan]:
+            again = checked_job(name, text, choices, described, start)
+            return again, planned(again, described, solver)
+
+        result = run_in(folder, job, plan, described, options, replan)
+        leave(folder, described, result)
     if result.verdict is None:
         raise VerbError(f"{result.fault}\nrun folder: {folder.path}", EXIT_FAULT)
     if as_json:
@@ -84,7 +93,9 @@ def example_text() -> str:
     return (resources.files("groupstart") / "data" / EXAMPLE).read_text(encoding="utf-8")
 
 
-def run_in(folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, options: RunOptions) -> RunResult:
+def run_in(
+    folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, options: RunOptions, replan: Replan
+) -> RunResult:
     """Run with a progress bar and with the journal in the run folder."""
     from groupstart.progress import RunProgress
     from groupstart.stopflag import StopFlag
@@ -92,18 +103,24 @@ def run_in(folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, option
 
     last_line = len(job.text.splitlines())
     with RunProgress(plan.trajectory.duration_s, last_line) as progress, StopFlag() as stop:
-        return perform(job, plan, machine, options, note=folder.note, progress=progress, stop_requested=stop)
+        return perform(
+            job,
+            plan,
+            machine,
+            options,
+            note=folder.note,
+            progress=progress,
+            stop_requested=stop,
+            replan=replan,
+        )
 
 
-def leave(folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, result: RunResult) -> None:
-    """Write what the run has left: trace or bus record, verdict, picture."""
-    from machines.runner import scales
-
+def leave(folder: RunFolder, machine: MachineFile, result: RunResult) -> None:
+    """Write what the run has left: the plan that ran, trace or bus record, verdict, picture."""
+    result.plan.save(folder.path / "plan.npz")
     if result.trace is not None:
-        start_ns = result.outcome.plan_start_ns if result.outcome else 0
-        scale = scales(machine)
-        trace = result.trace.save(folder.path / "trace.npz", steps_per_unit=scale, plan_start_ns=start_ns)
-        draw_run(folder.path / "path.png", job, plan, machine, trace, scale)
+        result.trace.save(folder.path / "trace.npz")
+        draw_run(folder.path / "path.png", machine, result)
     for bus, lines in result.records.items():
         folder.write(f"bus-{bus}.txt", "\n".join(lines) + "\n")
     if result.verdict is not None:
@@ -112,14 +129,11 @@ def leave(folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, result:
         folder.write_json("verdict.json", {"ok": False, "reasons": [result.fault]})
 
 
-def draw_run(path: Path, job: Job, plan: Plan, machine: MachineFile, trace: Trace, scale: dict[str, float]) -> None:
+def draw_run(path: Path, machine: MachineFile, result: RunResult) -> None:
     """The picture of planned and simulated path."""
     from groupstart.picture import draw
     from groupstart.picturedata import path_data, pin_data
-    from machines.wiring import motor_tables
 
-    motor_axis = {name: axis for name, (axis, _) in motor_tables(machine.config).items()}
-    planned_path = path_data(plan.trajectory, job.commands)
-    pins = pin_data(trace, planned_path.axes, motor_axis, scale)
-    title = f"{Path(job.name).name} on {machine.config.machine.name}: planned and simulated"
-    draw(path, title, planned_path, pins)
+    planned_path = path_data(result.plan.trajectory, result.job.commands)
+    title = f"{Path(result.job.name).name} on {machine.config.machine.name}: planned and simulated"
+    draw(path, title, planned_path, pin_data(machine.config, result, planned_path.axes))

@@ -35,11 +35,11 @@ def command(
 
     The same bytes go to the simulator as would go to the chips. Exit status 0 if the verdict is good, 1 if not.
     """
-    from machines.runner import RunOptions, perform, scales
+    from machines.runner import RunOptions, perform
 
     text = read_program(file)
     described = open_machine(machine)
-    refuse_unstreamable(described)
+    refuse_unstreamable(described, profile, simulated=True)
     job = checked_job(file, text, choices, described)
     plan = planned(job, described, solver)
     from groupstart.progress import RunProgress
@@ -49,8 +49,7 @@ def command(
     with RunProgress(plan.trajectory.duration_s, len(text.splitlines())) as progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     if trace is not None and result.trace is not None:
-        start_ns = result.outcome.plan_start_ns if result.outcome else 0
-        result.trace.save(trace, steps_per_unit=scales(described), plan_start_ns=start_ns)
+        result.trace.save(trace)
         click.echo(f"wrote {trace}", err=True)
     if result.verdict is None:
         raise VerbError(result.fault, EXIT_FAULT)

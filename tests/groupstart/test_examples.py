@@ -17,6 +17,8 @@ ROUTER = ("-m", str(EXAMPLES / "machines" / "router.toml"))
 PROGRAMS = [
     pytest.param("01_compass.nc", (*MILL,), id="compass"),
     pytest.param("corpus/gcodehs/sample.gcode", (*MILL,), id="pcb2gcode"),
+    pytest.param("corpus/gcodehs/sample.gcode", ("-m", "mill3-servo"), id="pcb2gcode-servo"),
+    pytest.param("corpus/gcodehs/sample.gcode", ("-m", "mill3-mixed"), id="pcb2gcode-mixed"),
     pytest.param("corpus/meerk40t/Back.nc", (*MILL, "--work-offset", "5,5,0"), id="fusion360"),
     pytest.param(
         "corpus/cluck2sesame/Enclosure.nc",

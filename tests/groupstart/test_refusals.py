@@ -125,12 +125,29 @@ def test_an_axis_that_the_machine_does_not_have(tmp_path: Path, cli: Cli) -> Non
     assert f"{path}:2:8" in answer.err
 
 
-@pytest.mark.parametrize(("machine", "words"), [("mill3-servo", "PIC-SERVO axes"), ("mill3-mixed", "motor X, Y")])
-@pytest.mark.parametrize("verb", ["verify", "run"])
-def test_a_machine_that_programs_cannot_move_yet(verb: str, machine: str, words: str, square: str, cli: Cli) -> None:
-    answer = clean(cli(verb, square, "-m", machine))
+@pytest.mark.parametrize(
+    ("machine", "profile", "words"),
+    [("mill3-step", "smooth", "this machine has none"), ("mill3-servo", "group", "this machine has none")],
+)
+def test_a_profile_of_chips_that_the_machine_does_not_have(
+    machine: str, profile: str, words: str, square: str, cli: Cli
+) -> None:
+    answer = clean(cli("verify", square, "-m", machine, "--profile", profile))
     assert answer.status == 1
     assert words in answer.err
+
+
+def test_a_machine_of_several_buses_is_refused_as_long_as_programs_cannot_move_it(
+    square: str, tmp_path: Path, cli: Cli
+) -> None:
+    text = (ROOT / "machines" / "data" / "mill3-step.toml").read_text()
+    text = text.replace("[axis.X]", "[bus.second]\n\n[axis.X]", 1)
+    text = text.replace('bus = "main"\naddress = 3', 'bus = "second"\naddress = 1')
+    path = tmp_path / "two.toml"
+    path.write_text(text)
+    answer = clean(cli("verify", square, "-m", str(path)))
+    assert answer.status == 1
+    assert "several buses" in answer.err
 
 
 @pytest.mark.parametrize("offset", ["1,2,x", "1,2,3,4,5,6,7,8,9,10", "nan", "1e400"])

@@ -51,7 +51,11 @@ def test_an_axis_finds_machine_zero_from_anywhere(name: str, exact_mm: float, st
 
 
 def test_a_motor_that_turns_the_other_way_homes_the_same_way() -> None:
-    turned = {'"200 * 4 / 4"': '"-200 * 4 / 4"', "limit1_at = 118": "limit1_at = -8", "limit2_at = -8": "limit2_at = 118"}
+    turned = {
+        '"200 * 4 / 4"': '"-200 * 4 / 4"',
+        "limit1_at = 118": "limit1_at = -8",
+        "limit2_at = -8": "limit2_at = 118",
+    }
     config = starting_at("mill3-step", 20, turned)
     with Session(config) as session:
         session.connect()
