@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sim import module as nmc
 from sim import servokernel as k
+from sim.registers import wrap32
 
 if TYPE_CHECKING:
     from sim.picservo import PicServo
@@ -135,7 +136,7 @@ class ServoMoves:
         n[k.VELOCITY] = 0
         n[k.PEAK_VELOCITY] = self.velocity
         whole = int(n[k.COMMAND]) >> 16
-        distance = self.goal - int(k.wrap32(whole))
+        distance = self.goal - wrap32(whole)
         if abs(distance) > 0x7FFFFFFF:
             chip.violation("SV-121", "goal is more than 0x7FFFFFFF away")
         n[k.TARGET] = (whole + distance) << 16
@@ -169,12 +170,13 @@ class ServoMoves:
         elif position is None:
             chip.violation("X-03", "Stop Here without a position: not executed")
         else:
-            k.servo_on(n)
+            if not n[k.SERVO_ON]:
+                k.servo_on(n)
             n[k.MODE] = k.MODE_VELOCITY
             n[k.VELOCITY] = n[k.GOAL_VELOCITY] = 0
             n[k.MOVE_DONE] = 1
             whole = int(n[k.COMMAND]) >> 16
-            n[k.COMMAND] = (whole + int(k.wrap32(position - int(k.wrap32(whole))))) << 16
+            n[k.COMMAND] = (whole + wrap32(position - wrap32(whole))) << 16
 
     def set_gain(self, data: bytes) -> None:
         """Set Gain: Kp, Kd, Ki, IL, OL, CL, EL, SR, deadband."""
@@ -210,7 +212,7 @@ class ServoMoves:
             chip.violation("SV-101", "Reset Position during a trapezoid")
         moved = offset - int(n[k.POS])
         n[k.POS] = offset
-        n[k.LAST_POS] = k.wrap32(int(n[k.LAST_POS]) + moved)
+        n[k.LAST_POS] = wrap32(int(n[k.LAST_POS]) + moved)
         n[k.COMMAND] = n[k.TARGET] = offset << 16
 
     def reset_relative(self, mode: int) -> None:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sim import module as nmc
+from sim.registers import wrap32
 from sim.stepguard import inhibited
 from sim.stepmodes import ACCELERATION, COUNT, POSITION, SPEED, Mode, goal_of, refusal
-from sim.steptimer import QUARTER_MS_TICKS, wrap32
+from sim.steptimer import QUARTER_MS_TICKS
 
 if TYPE_CHECKING:
     from sim.picstep import PicStep

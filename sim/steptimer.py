@@ -12,18 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from sim.registers import WRAP, wrap32
 from sim.stepmodes import Mode
 from sim.trace import StepRuns
 
 BASE_TICK_NS = 200
 QUARTER_MS_TICKS = 1250  # unit of the acceleration time
 FOREVER = 1 << 62
-WRAP = 1 << 32
-
-
-def wrap32(value: int) -> int:
-    """A position as the 32-bit counter holds it."""
-    return (value + 0x80000000) % WRAP - 0x80000000
 
 
 def speed_period(speed: int) -> int:
