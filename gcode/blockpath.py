@@ -57,17 +57,30 @@ def can_run(machine: Machine) -> bool:
 
 
 def execute_run(
-    machine: Machine, values: F8, first_line: int, emit: Callable[[MoveBlock], None], *, strict_arcs: bool
+    machine: Machine,
+    values: F8,
+    first_line: int,
+    emit: Callable[[MoveBlock], None],
+    *,
+    strict_arcs: bool,
+    strict_rapids: bool,
 ) -> int:
     """Executes plain lines (columns of ``values``) as far as it can; gives the number of lines executed.
 
-    strict_arcs: stop before an arc whose radii differ noticeably, so that it can be warned of.
+    strict_arcs: stop before an arc whose radii differ noticeably, so that it can be warned of; strict_rapids: before a
+    rapid below Z0, likewise.
     """
     rows = _read(machine, values)
     good = int(np.argmax(rows.bad)) if rows.bad.any() else rows.count
     if good == 0:
         return 0
     positions = _positions(machine, rows, good)
+    if strict_rapids and 2 in positions:
+        low = (positions[2] < 0.0) & rows.moves[:good] & (rows.motion[:good] == 0)
+        good = int(np.argmax(low)) if low.any() else good
+        if good == 0:
+            return 0
+        positions = {axis: column[:good] for axis, column in positions.items()}
     center, turns, good = _arcs(machine, rows, positions, good, strict_arcs)
     if good == 0:
         return 0

@@ -117,6 +117,8 @@ def straight(machine: Machine, block: Block, motion: int) -> None:
         straight_move(machine, block, compensation, motion, end)
         return
     if motion == 0:
+        if end[2] < 0.0 and end[2] < state.position[2] and block.g.get(MODAL_0) != 530:
+            machine.warn("GC216", f"a rapid move down to Z{end[2]:g}", "check that nothing is in the way", "z")
         emit.rapid(end)
     else:
         emit.feed(end)

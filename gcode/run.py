@@ -35,7 +35,7 @@ from gcode.synch import Answer, Assumptions, Synch
 from gcode.textsource import Source, TextSource
 
 Event = Command | MoveBlock
-ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208"})
+ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208", "GC216"})
 """Reported once a file: the cure of the first is the cure of all."""
 
 

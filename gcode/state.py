@@ -65,6 +65,7 @@ class State:
     tool_length: int = 490
     selected_tool: int | None = None
     tool_in_spindle: int = 0
+    tool_was_selected: bool = False
 
     def frame(self) -> Frame:
         """The frame of now."""

@@ -17,6 +17,7 @@ from gcode.textsource import Source
 
 if TYPE_CHECKING:
     from gcode.block import Line
+    from gcode.columns import F8, I8
 
 FEW_LINES = 64
 """Programs shorter than this are not worth loading the column tools for."""
@@ -90,7 +91,7 @@ class Stream:
             at = first
             if table.plain[first] and last - first >= MIN_RUN and self._ready():
                 while at < last and stops < MAX_STOPS:
-                    done = self._columns(table.values[:, at:last], at)
+                    done = self._columns(table.values[:, at:last])
                     at += done
                     if done:
                         yield self.number
@@ -110,12 +111,18 @@ class Stream:
 
         return can_run(self.run.machine)
 
-    def _columns(self, values: object, _at: int) -> int:
+    def _columns(self, values: F8) -> int:
         from gcode.blockpath import execute_run
 
         machine = self.run.machine
-        strict = not self.run.has_reported("GC206")
-        done = execute_run(machine, values, self.number + 1, machine.emit.block, strict_arcs=strict)  # type: ignore[arg-type]
+        done = execute_run(
+            machine,
+            values,
+            self.number + 1,
+            machine.emit.block,
+            strict_arcs=not self.run.has_reported("GC206"),
+            strict_rapids=not self.run.has_reported("GC216"),
+        )
         if done:
             self.number += done
             self.last_number = self.number
@@ -160,12 +167,12 @@ class Stream:
         return self.closed or self._maybe_closed
 
 
-def _text(chunk: bytes, starts: object, index: int) -> str:
-    return chunk[starts[index] : starts[index + 1] - 1].decode("utf-8", "surrogateescape").rstrip("\r")  # type: ignore[index]
+def _text(chunk: bytes, starts: I8, index: int) -> str:
+    return chunk[starts[index] : starts[index + 1] - 1].decode("utf-8", "surrogateescape").rstrip("\r")
 
 
 def plain_line(text: str, number: int, dialect: Dialect) -> tuple[Line | None, tuple[GcodeError, ...]]:
-    """Reads a line of a stream. Raises ``NeedsStructureError`` for O-words and calls, ``GcodeError`` for what is wrong."""
+    """Reads a line of a stream. Raises ``NeedsStructureError`` for O-words and calls, and ``GcodeError``."""
     read = read_line(text, number, dialect)
     line = read.line
     if line is not None and line.statement is not None:

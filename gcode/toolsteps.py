@@ -20,6 +20,7 @@ def select_tool(machine: Machine, block: Block) -> None:
     number = int(block.words["t"])
     machine.tool(number, "t")
     machine.state.selected_tool = number
+    machine.state.tool_was_selected = True
     machine.emit.text(f"SELECT_TOOL({number})")
 
 
@@ -33,6 +34,9 @@ def change_tool(machine: Machine, block: Block) -> None:
     if state.selected_tool is None:
         raise GcodeError("GC061", "M6 without a tool", "select one first: T1 M6", "M6")
     refuse_under_compensation(machine, "a tool change", "M6")
+    if not state.tool_was_selected:
+        machine.warn("GC217", f"M6 without T: tool {state.selected_tool} again", "write T beside M6", "M6")
+    state.tool_was_selected = False
     emit.text("START_CHANGE()")
     state.spindle_direction = 0
     emit.spindle("STOP_SPINDLE_TURNING(0)")
