@@ -17,7 +17,7 @@ from sim.link import SimLink
 from sim.module import NmcModule
 from sim.picio import PicIo
 from sim.picstep import PicStep
-from sim.spec import BusSpec, IoModule, Module, SimOptions, StepModule
+from sim.spec import BusSpec, IoModule, Module, ServoModule, SimOptions, StepModule
 from sim.trace import BusLog, Trace, collect
 from sim.violations import Incident, Log, Violation
 from sim.world import World
@@ -113,6 +113,7 @@ def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions |
         for place, module_spec in enumerate(spec.modules):
             if module_spec.name in simulation.modules:
                 raise ValueError(f"two modules are called {module_spec.name!r}")
+            _check(module_spec)
             module = _module(module_spec, bus, _draws(seed, number, 2 + place), options)
             bus.modules.append(module)
             simulation.modules[module_spec.name] = module
@@ -125,6 +126,23 @@ def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions |
 def _draws(seed: int, bus: int, use: int) -> Draws:
     """A stream of its own for every use, so that one more draw here changes nothing there."""
     return Draws(np.random.default_rng([seed, bus, use]))
+
+
+def _check(spec: Module) -> None:
+    """Refuse what no chip can be."""
+    name = f"module {spec.name!r}"
+    if abs(spec.crystal_ppm) + spec.crystal_ppm_max > 10_000:
+        raise ValueError(f"{name}: a crystal is not {abs(spec.crystal_ppm) + spec.crystal_ppm_max:g} ppm wrong")
+    if isinstance(spec, ServoModule):
+        plant = spec.plant
+        if not 10 <= spec.oscillator_mhz <= 20:
+            raise ValueError(f"{name}: the clock is between 10 and 20 MHz (PIC-SERVO data sheet section 3.0)")
+        if min(plant.inertia_kgm2, plant.resistance_ohm, plant.torque_nm_per_a) <= 0 or plant.lines_per_rev < 1:
+            raise ValueError(f"{name}: inertia, resistance, torque constant and encoder lines are above zero")
+        if min(plant.coulomb_nm, plant.viscous_nms, plant.inductance_h, plant.load_mass_kg) < 0:
+            raise ValueError(f"{name}: friction, inductance and mass are not below zero")
+    elif spec.reply_delay_max_ns < 0 or (isinstance(spec, StepModule) and spec.start_delay_max_ns < 0):
+        raise ValueError(f"{name}: delays are not below zero")
 
 
 def _module(spec: Module, bus: Bus, draws: Draws, options: SimOptions) -> NmcModule:
