@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-ITEMS = Path(__file__).parent / "datasheet" / "items.tsv"
+STATEMENTS = Path(__file__).parents[1] / "docs" / "conformance-items.tsv"
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -18,12 +18,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Attach the numbers to the test's report and refuse numbers that are in no list."""
-    lines = ITEMS.read_text(encoding="utf-8").splitlines()
+    """Refuse a number that is in no list: a slip there would leave a statement without its test."""
+    lines = STATEMENTS.read_text(encoding="utf-8").splitlines()
     known = {line.split("\t")[0] for line in lines if not line.startswith("#")}
+    listed = {number.split("-")[0] for number in known}
     for test in items:
         for marker in test.iter_markers("item"):
             for number in marker.args:
-                if number not in known:
-                    raise pytest.UsageError(f"{test.nodeid}: {number} is no statement of tests/datasheet/items.tsv")
-                test.user_properties.append(("item", number))
+                if number not in known and number.split("-")[0] in listed:
+                    raise pytest.UsageError(f"{test.nodeid}: {number} is no statement of {STATEMENTS.name}")
