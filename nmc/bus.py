@@ -7,6 +7,7 @@ silence with nulls (section 3.4 step 2) before anything else is sent.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nmc.chips.common import (
@@ -84,8 +85,8 @@ class Bus:
             slowest = min(baud, int(true_baud(BAUD_DIVISORS[baud])))
         self._byte_ns = -(-BITS_PER_BYTE * 1_000_000_000 // slowest)
 
-    def exchange(self, exchange: Exchange) -> Evidence:
-        """Send one command, not before its time, and read its answer.
+    def exchange(self, exchange: Exchange, *, attempts: int | None = None) -> Evidence:
+        """Send one command, not before its time, and read its answer. ``attempts``: instead of the bus's own number.
 
         Raises LocalFault before any byte leaves; RemoteFault if the answer is damaged, tells of a communications error
         or of an armed fault bit; LinkTimeout if no whole answer comes. Repeatable commands are tried again first.
@@ -116,7 +117,7 @@ class Bus:
                 break
             except (LinkTimeout, RemoteFault) as error:
                 known = guard.repeatable(exchange) if guard.modules else command in _STATELESS
-                if not known or attempt >= self.attempts:
+                if not known or attempt >= (self.attempts if attempts is None else attempts):
                     if not (isinstance(error, RemoteFault) and error.executed is False):
                         guard.lost(exchange)
                     raise
@@ -185,6 +186,35 @@ class Bus:
         link.sleep_until(sent_ns + len(packet) * self._byte_ns + self.host_latency_ns + SILENT_WAIT_NS)
         self.guard.settle(exchange, None, None, b"")
         return Evidence(exchange, sent_ns, link.now_ns(), None)
+
+    def stop_groups(self, groups: Sequence[int], data: bytes) -> None:
+        """Stop Motor to several groups at once: no late or missing answer of one holds up the stop of the next.
+
+        What was not answered in time leaves the members unsure; their own Stop Motor settles that.
+        """
+        link = self.link
+        silent = True
+        for group in groups:
+            exchange = Exchange(group, STOP_MOTOR, data)
+            replier = self.guard.replier(group)
+            packet = pack(group, STOP_MOTOR, data)
+            known = replier is not None and replier.mask is not None
+            wanted = replier.reply_extra(STOP_MOTOR, data) + 2 if replier is not None and known else PACKET_MAX_BYTES
+            link.flush_input()
+            link.write(packet)
+            self.counters.packets += 1
+            self.counters.bytes_out += len(packet)
+            wire_ns = (len(packet) + wanted) * self._byte_ns
+            raw = link.read(wanted, link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns)
+            reply = unpack_reply(raw, wanted - 2) if known else None
+            if reply is not None and not reply.status & STATUS_COMM_ERROR:
+                self.guard.settle(exchange, replier, reply.status, reply.extra)
+            else:
+                silent = silent and replier is None
+                self.guard.lost(exchange)
+        if not silent:
+            link.sleep_until(link.now_ns() + self.grace_ns)
+            link.flush_input()
 
     def _stop_blindly(self, exchange: Exchange) -> Evidence:
         """A stop is never held back: with the length of the answer unknown it is sent and its answer dropped."""

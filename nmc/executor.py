@@ -48,11 +48,11 @@ def stop_all(
     Returns the number of rounds; raises RemoteFault naming the modules that could not be stopped.
     """
     stop = bytes([picstep.STOP_ABRUPTLY | (picstep.STOP_AMP_ENABLE if amplifier else 0)])
-    for group in groups:
-        _try(bus, Exchange(group, STOP_MOTOR, stop, reply_extra=None))
+    bus.stop_groups(groups, stop)
     left = [module for module in bus.guard.modules.values() if _has_motor(module)]
     for turn in range(1, rounds + 1):
-        left = [module for module in left if not _stands(bus, module, stop)]
+        attempts = 1 if turn == 1 else None  # one that is gone must not hold up the others
+        left = [module for module in left if not _stands(bus, module, stop, attempts)]
         if not left:
             return turn
     names = ", ".join(str(module.address) for module in left)
@@ -63,21 +63,21 @@ def _has_motor(module: Tracker) -> bool:
     return module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
 
 
-def _stands(bus: Bus, module: Tracker, stop: bytes) -> bool:
-    stopped = _try(bus, Exchange(module.address, STOP_MOTOR, stop))
+def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> bool:
+    stopped = _try(bus, Exchange(module.address, STOP_MOTOR, stop), attempts)
     if stopped is None or stopped.status is None:
         # Noise that looked like a Define Status may have changed the length of its answers.
-        _try(bus, Exchange(module.address, DEFINE_STATUS, bytes([module.mask or 0])))
+        _try(bus, Exchange(module.address, DEFINE_STATUS, bytes([module.mask or 0])), attempts)
         return False
     if module.facts.name != picstep.FACTS.name:
         return True
     # A PIC-STEP replies before it executes: only the next answer shows the stop.
-    after = _try(bus, Exchange(module.address, NOP))
+    after = _try(bus, Exchange(module.address, NOP), attempts)
     return after is not None and after.status is not None and not after.status & picstep.STATUS_MOVING
 
 
-def _try(bus: Bus, exchange: Exchange) -> Evidence | None:
+def _try(bus: Bus, exchange: Exchange, attempts: int | None) -> Evidence | None:
     try:
-        return bus.exchange(exchange)
+        return bus.exchange(exchange, attempts=attempts)
     except NmcError:
         return None
