@@ -83,11 +83,18 @@ class Run:
             yield from self._structured(None)
         else:
             yield from self._streamed()
-        flush(self.machine)
+        self._flush()
         emit.line = 0
         emit.text("ON_RESET()")
         if not self.failed:
             yield from emit.take()
+
+    def _flush(self) -> None:
+        """What cutter compensation still holds back at the end."""
+        try:
+            flush(self.machine)
+        except GcodeError as error:
+            self.report(error, self.setup.file, self._line_number, "")
 
     def stream(self, assumptions: Assumptions | None = None) -> Iterator[Event]:
         """Commands and blocks, with every synch point answered by ``assumptions``."""
@@ -253,6 +260,8 @@ class Run:
             execute(machine, block)
         except GcodeError:
             machine.emit.take()
+            machine.emit.held = None
+            machine.compensation = None
             self._uncertain |= recover(machine, block, "")
             raise
         if self._uncertain and block.motion in {0, 10} and not machine.state.incremental:
