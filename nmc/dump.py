@@ -28,6 +28,8 @@ from nmc.recording_link import HOST, STATUS, Chunk
 from nmc.setup import CHIPS, ITEM_TYPE_VERSION, ModuleInfo, make_tracker
 from nmc.wire import Noise, Packet, PacketReader, checksum
 
+QUIET_NS = 2_000_000
+"""Bytes outside packets that are closer together than this belong together."""
 _COMMON = ChipFacts("module", -1, 0, {fact.code: fact for fact in ADDRESSING_COMMANDS}, (), (), {}, (0,) * 256)
 """Stands in for a module that has not said what it is."""
 
@@ -83,31 +85,53 @@ class Dump:
     _held: bytearray = field(default_factory=bytearray)
     _held_ns: int = 0
     _packet_ns: int = 0
+    _noise: bytearray = field(default_factory=bytearray)
+    _noise_ns: int = 0
+    _noise_end_ns: int = 0
 
     def feed(self, chunk: Chunk) -> Iterator[Line]:
         """Lines that this chunk completes."""
         if chunk.line == HOST:
             if not self._reader.held:
                 self._packet_ns = chunk.time_ns
-            yield from self.finish()
+            yield from self._close_answer()
             for item in self._reader.feed(chunk.data):
                 if isinstance(item, Noise):
-                    yield Line(self._packet_ns, HOST, _noise_words(item.data), item.data)
+                    if self._noise and chunk.time_ns - self._noise_end_ns > QUIET_NS:
+                        yield from self._quiet()
+                    self._noise_ns = self._noise_ns if self._noise else self._packet_ns
+                    self._noise += item.data
+                    self._noise_end_ns = chunk.time_ns
                 else:
+                    yield from self._quiet()
                     yield self._command(self._packet_ns, item)
                     self._packet_ns = chunk.time_ns
         elif chunk.line == STATUS:
+            yield from self._quiet()
             if not self._held:
                 self._held_ns = chunk.time_ns
             self._held += chunk.data
             wanted = self._reply_bytes()
             if wanted is not None and len(self._held) >= wanted:
-                yield from self.finish()
+                yield from self._close_answer()
         else:
+            yield from self._quiet()
             yield Line(chunk.time_ns, "!", f"host rate {chunk.data.decode(errors='replace')} baud")
 
     def finish(self) -> Iterator[Line]:
-        """The answer that is held so far, whole or not (also to be called at the end of a stream)."""
+        """Whatever is held back, at the end of a stream."""
+        yield from self._quiet()
+        yield from self._close_answer()
+
+    def _quiet(self) -> Iterator[Line]:
+        """The bytes outside packets that have come one after another."""
+        if self._noise:
+            raw = bytes(self._noise)
+            self._noise.clear()
+            yield Line(self._noise_ns, HOST, _noise_words(raw), raw)
+
+    def _close_answer(self) -> Iterator[Line]:
+        """The answer that is held so far, whole or not."""
         if self._held:
             raw = bytes(self._held)
             self._held.clear()

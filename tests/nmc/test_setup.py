@@ -114,3 +114,22 @@ def test_a_module_that_will_not_stop_is_named(make_rig) -> None:
     rig.modules[1].status = 0x09
     with pytest.raises(RemoteFault, match="module 2"):
         stop_all(rig.bus, rounds=3)
+
+
+def test_a_silent_leader_does_not_hold_up_the_other_group(make_rig) -> None:
+    rig = make_rig(3, 3, group=0x81, leader=1)
+    set_group(rig.bus, 2, 0x82, leader=True)
+    rig.link.back = lambda data: b""
+    times: list[int] = []
+    plain_write = rig.link.write
+
+    def write(data: bytes) -> None:
+        times.append(rig.link.time)
+        plain_write(data)
+
+    rig.link.write = write
+    with pytest.raises(RemoteFault):
+        stop_all(rig.bus, rounds=1)
+    assert [packet[1] for packet in rig.link.sent[-len(times) :]][:2] == [0x81, 0x82]
+    assert times[1] - times[0] < 3_000_000
+    assert all((7, b"\x05") in module.executed for module in rig.modules)
