@@ -72,12 +72,23 @@ def program_setup(file: str, choices: ProgramChoices) -> Setup:
         tools=tools,
         parameters=parameters,
         work_offset=choices.work_offset,
-        dialect="linuxcnc" if choices.dialect == "auto" else choices.dialect,
+        dialect=choices.dialect,
         machine_units=choices.machine_units,
         file=file,
         include=(*include, str(Path(file).parent)),
         ini=values,
     )
+
+
+def tell_dialect(text: str, choices: ProgramChoices, failed: bool) -> None:
+    """After a refusal, say on stderr if another dialect would read the program."""
+    if not failed or choices.dialect == "auto":
+        return
+    from gcode.dialects import guess
+
+    guessed, sign = guess(text)
+    if guessed not in (choices.dialect, "linuxcnc"):
+        click.echo(f"it looks like {guessed}: {sign}; --dialect auto reads it so", err=True)
 
 
 def _table(path: str, reader: Callable[[str, str], tuple[Table, list[Diagnostic]]]) -> Table:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
-from groupstart.inputs import diagnostic_texts, program_setup, refuse_if_bad
+from groupstart.inputs import diagnostic_texts, program_setup, refuse_if_bad, tell_dialect
 
 if TYPE_CHECKING:
     from gcode.canon import Position
@@ -33,6 +33,7 @@ def checked_job(
     if start is not None:
         setup = replace(setup, start=start)
     job = read_job(text, setup, machine.config)
+    tell_dialect(text, choices, failed=bool(job.errors))
     refuse_if_bad(job)
     return job
 

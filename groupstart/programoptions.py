@@ -14,7 +14,7 @@ from groupstart.options import Offset
 if TYPE_CHECKING:
     from gcode.canon import Position
 
-DIALECTS = ("auto", "linuxcnc", "grbl", "fanuc", "mach", "marlin")
+DIALECTS = ("linuxcnc", "grbl", "fanuc", "mach", "auto")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class ProgramChoices:
     """How a program is read. Paths are as given; nothing has been opened yet."""
 
     work_offset: Position | None = None
-    dialect: str = "auto"
+    dialect: str = "linuxcnc"
     machine_units: Literal["mm", "inch"] = "mm"
     tool_table: str | None = None
     parameters: str | None = None
@@ -33,7 +33,11 @@ class ProgramChoices:
 _OPTIONS = (
     click.option("--work-offset", type=Offset(), help="The program's zero (G54) in machine mm: X,Y,Z."),
     click.option(
-        "--dialect", type=click.Choice(DIALECTS), default="auto", show_default=True, help="How the program is read."
+        "--dialect",
+        type=click.Choice(DIALECTS),
+        default="linuxcnc",
+        show_default=True,
+        help="How the program is read; auto guesses and says so.",
     ),
     click.option("--tool-table", type=click.Path(), help="Tool table in LinuxCNC's format; none: any tool is good."),
     click.option("--parameters", type=click.Path(), help="Parameter file in LinuxCNC's format."),

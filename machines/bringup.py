@@ -12,13 +12,13 @@ from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
 from machines.wiring import bus_specs, motor_tables, servo_tables, speed_mode
 from nmc.bus import Bus
-from nmc.chips import picstep
-from nmc.executor import stop_all
+from nmc.chips import picio, picstep
+from nmc.executor import PARKED_GROUP, stop_all
 from nmc.link import Link
 from nmc.picservo import Gains, PicServo
 from nmc.picstep import PicStep
 from nmc.recording_link import RecordingLink
-from nmc.setup import ModuleExpectation, ModuleInfo, start_up
+from nmc.setup import ModuleExpectation, ModuleInfo, set_group, start_up
 from sim.build import Simulation, build
 
 SIM = "sim"
@@ -151,6 +151,25 @@ def _ready_servo(servo: PicServo, table: ServoMotorTable, kept: bool) -> None:
     wait_until_steady(servo)
     if not kept:
         servo.reset_position()  # only now: while its amplifier was off, a loaded axis may have slipped
+
+
+def park(connection: Connection) -> None:
+    """Make the modules as a stream must find them: steppers stopped, all in the parked group, the first one leading it.
+
+    Stop Motor lets a stepper turn back against its last run. Old leaders step down first, so that no group has two.
+    """
+    for driver in drivers(connection).values():
+        if isinstance(driver, PicStep):
+            driver.stop_motor("abruptly")
+    for bus in connection.buses:
+        addresses = sorted(bus.guard.modules)
+        leads = next((each for each in addresses if bus.guard.modules[each].facts.name != picio.FACTS.name), None)
+        for address in addresses:
+            module = bus.guard.modules[address]
+            if module.group != PARKED_GROUP or module.leader != (address == leads):
+                set_group(bus, address, PARKED_GROUP)
+        if leads is not None and not bus.guard.modules[leads].leader:
+            set_group(bus, leads, PARKED_GROUP, leader=True)
 
 
 def wait_until_steady(servo: PicServo) -> int:

@@ -36,6 +36,8 @@ class Job:
     commands: Sequence[Command | MoveBlock]
     diagnostics: tuple[Diagnostic, ...]
     start: Position = ORIGIN
+    dialect: tuple[str, str] = ("linuxcnc", "")
+    """How it was read, and why."""
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
@@ -52,7 +54,7 @@ def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Jo
     commands = tuple(result.commands)
     if config is not None and not any(item.severity == "error" for item in found):
         found += tuple(travel_diagnostics(commands, travel(config), text, setup))
-    return Job(setup.file, text, commands, found, setup.start)
+    return Job(setup.file, text, commands, found, setup.start, (result.dialect, result.dialect_reason))
 
 
 def plan_job(job: Job, config: MachineConfig, solver: Solver = "auto") -> Plan:

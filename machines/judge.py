@@ -64,7 +64,7 @@ def judge(
         late_slices=outcome.statistics.late_slices,
         violations=dict(violations),
         bus=_bus_use(outcome),
-        peak={axis: Peak(found.velocity, found.acceleration, None) for axis, found in plan.report.axes.items()},
+        peak={axis: Peak(found.velocity, found.acceleration, found.jerk) for axis, found in plan.report.axes.items()},
         limits={
             axis: Peak(table.max_velocity, table.max_acceleration, table.max_jerk)
             for axis, table in config.axis.items()

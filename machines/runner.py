@@ -11,18 +11,16 @@ from gcode.canon import AXES, Position
 from machines.job import Job
 from machines.judge import judge
 from machines.load import MachineFile
+from machines.parts import parts_of, request
 from machines.programmed import programmed_path
-from machines.session import Note, Outcome, Session, SessionError
+from machines.session import Note, Outcome, Session, SessionError, StreamStatistics
 from machines.verdict import Verdict
-from machines.wiring import motors, planned_axes, scale_of
-from planner.motors import Motor, ServoMotor, StepMotor
+from machines.wiring import motors, planned_axes, scale_of, stands_within
+from planner.motors import ServoMotor, StepMotor
 from planner.plan import Plan
 from planner.stream import Progress
 from sim.trace import Trace
 from sim.violations import Violation
-
-SERVO_STANDS_WITHIN = 4.0
-"""Counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +31,8 @@ class RunOptions:
     seed: int | None = None
     profile: str = "auto"
     home: tuple[str, ...] = ()
+    ask: Callable[[str], bool] | None = None
+    """Puts a request to whoever stands at the machine; True: it is done, go on. None: nobody is there."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -81,12 +81,7 @@ def perform(
             if options.home:
                 session.home(options.home)
             job, plan = _from_here(session, job, plan, replan)
-            outcome = session.run(
-                plan.trajectory,
-                profile=options.profile,
-                progress=progress,
-                stop_requested=stop_requested or (lambda: False),
-            )
+            outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
             fault = _with_places(str(error), error.positions, machine)
         simulation = session.simulation
@@ -103,10 +98,66 @@ def perform(
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
 
 
+def _run_parts(
+    session: Session,
+    plan: Plan,
+    options: RunOptions,
+    progress: Callable[[Progress], None],
+    stop_requested: Callable[[], bool],
+) -> Outcome:
+    """Run the trajectory; on ports, part by part, with a wait for whoever stands at the machine before each."""
+    if session.simulation is not None:
+        return session.run(plan.trajectory, profile=options.profile, progress=progress, stop_requested=stop_requested)
+    parts = list(parts_of(plan.trajectory))
+    requests = [request(wait) for part in parts for wait in part.waits]
+    if requests and options.ask is None:
+        raise SessionError(f"{requests[0]}: nobody is there to do it")
+    outcomes: list[Outcome] = []
+    for part in parts:
+        for wait in part.waits:
+            session.hold(request(wait), options.ask or _nobody)
+
+        def shifted(inner: Progress, begin_s: float = part.begin_s) -> None:
+            progress(replace(inner, time_s=inner.time_s + begin_s, duration_s=plan.trajectory.duration_s))
+
+        outcomes.append(session.run(part, profile=options.profile, progress=shifted, stop_requested=stop_requested))
+        if not outcomes[-1].finished:
+            break
+    return _joined(outcomes)
+
+
+def _joined(outcomes: list[Outcome]) -> Outcome:
+    """One outcome of several parts: bus use is summed, the rest is that of the first and the last."""
+    if len(outcomes) == 1:
+        return outcomes[0]
+    each = [outcome.statistics for outcome in outcomes]
+    total = StreamStatistics(
+        packets=sum(statistics.packets for statistics in each),
+        bytes=sum(statistics.bytes for statistics in each),
+        busy_ns=sum(statistics.busy_ns for statistics in each),
+        late_slices=sum(statistics.late_slices for statistics in each),
+        slice_ms=max(statistics.slice_ms for statistics in each),
+    )
+    first, last = outcomes[0], outcomes[-1]
+    return replace(last, plan_start_ns=first.plan_start_ns, begins_at=first.begins_at, statistics=total)
+
+
+def _nobody(_request: str) -> bool:
+    return False
+
+
+def _never() -> bool:
+    return False
+
+
+def _nothing(_progress: Progress) -> None:
+    return None
+
+
 def _from_here(session: Session, job: Job, plan: Plan, replan: Replan | None) -> tuple[Job, Plan]:
     """The job and plan that begin where the machine stands."""
     where = session.where()
-    slack = {motor.axis: _slack(motor) / abs(scale_of(motor)) for motor in motors(session.config)}
+    slack = {motor.axis: (stands_within(motor) + 0.5) / abs(scale_of(motor)) for motor in motors(session.config)}
     away = [axis for axis, place in where.items() if abs(place - job.start[AXES.index(axis)]) > slack[axis]]
     if not away:
         return job, plan
@@ -114,11 +165,6 @@ def _from_here(session: Session, job: Job, plan: Plan, replan: Replan | None) ->
         places = ", ".join(f"{axis} at {where[axis]:.3f}" for axis in away)
         raise SessionError(f"the plan does not begin where the machine stands ({places})")
     return replan(position_of(where))
-
-
-def _slack(motor: Motor) -> float:
-    """Steps or counts by which a motor may stand beside the start of its plan: a servo's shaft is never quite still."""
-    return SERVO_STANDS_WITHIN if isinstance(motor, ServoMotor) else 0.5
 
 
 def position_of(where: Mapping[str, float]) -> Position:

@@ -16,18 +16,21 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
 
+import numpy as np
+
 from machines import bringup
 from machines.bringup import Connection
 from machines.homing import Homed, home_servo, home_stepper
 from machines.patience import PatientSource
 from machines.profiles import choose_profile
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
-from machines.wiring import bus_timing, motors, scale_of, servo_tables
+from machines.wiring import bus_timing, motors, scale_of, servo_tables, stands_within
 from nmc.errors import NmcError
 from nmc.executor import play
 from nmc.picservo import PicServo
 from nmc.picstep import PicStep
 from nmc.program import Evidence, ExchangeSource
+from planner.quantize import nearest_step
 from planner.stream import Progress, StreamCounts, lead_in_ns, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
@@ -179,8 +182,10 @@ class Session:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
         source: RunSource | None = None
-        begins_at = self._positions()
         try:
+            begins_at = self._positions()
+            self._require_start(trajectory, begins_at)
+            bringup.park(self.connection)
             source = self._source(trajectory, profile)
             finished, statistics = self._stream(source, progress or _nothing, stop_requested)
         except (NmcError, StreamError, ValueError) as error:
@@ -202,6 +207,24 @@ class Session:
             begins_at=begins_at,
             statistics=statistics,
         )
+
+    def hold(self, request: str, ask: Callable[[str], bool]) -> None:
+        """Wait at rest until ``ask(request)`` answers. Raises SessionError if it says no."""
+        self._change(State.HELD)
+        self.note("waiting", self.now_ns, request=request)
+        if not ask(request):
+            self._change(State.STOPPED)
+            raise SessionError(f"{request}: not confirmed, the program ends here", self._positions())
+        self._change(State.IDLE)
+
+    def _require_start(self, trajectory: Trajectory, counters: dict[str, int]) -> None:
+        """A stream begins on the very step where the machine stands, or not at all."""
+        start = trajectory.q(np.zeros(1))[0]
+        for motor in motors(self.config):
+            wanted = nearest_step(float(start[trajectory.axes.index(motor.axis)]), scale_of(motor))
+            off = counters[motor.name] - wanted
+            if abs(off) > stands_within(motor):
+                raise ValueError(f"motor {motor.name} stands {off:+d} steps from where the motion begins")
 
     def home(self, axes: Sequence[str]) -> list[Homed]:
         """Home axes one after another, in the order given. Raises SessionError after stopping everything."""

@@ -75,6 +75,14 @@ def scale_of(motor: Motor) -> float:
     return motor.steps_per_unit if isinstance(motor, StepMotor) else motor.counts_per_unit
 
 
+SERVO_STANDS_WITHIN = 4
+
+
+def stands_within(motor: Motor) -> int:
+    """Steps or counts by which a motor may stand beside its place: a servo's shaft is never quite still."""
+    return SERVO_STANDS_WITHIN if isinstance(motor, ServoMotor) else 0
+
+
 def speed_mode(config: MachineConfig, axis: str, table: StepMotorTable) -> int:
     """Speed mode 1, 2, 4 or 8: the file's, or the lowest that reaches the axis's greatest velocity."""
     if table.step.speed_mode != "auto":

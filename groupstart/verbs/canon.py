@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
-from groupstart.inputs import counted, diagnostic_texts, program_setup, read_program
+from groupstart.inputs import counted, diagnostic_texts, program_setup, read_program, tell_dialect
 from groupstart.options import file_argument
 from groupstart.programoptions import ProgramChoices, program_options
 
@@ -32,5 +32,6 @@ def command(
             stream.write(line + "\n")
     for words in diagnostic_texts(result.diagnostics, text):
         click.echo(words, err=True)
+    tell_dialect(text, choices, failed=bool(result.errors))
     if result.errors:
         raise VerbError(f"{file}: {counted(result.diagnostics)}", EXIT_REFUSED)

@@ -11,6 +11,7 @@ from groupstart.inputs import (
     open_machine,
     program_setup,
     read_program,
+    tell_dialect,
 )
 from groupstart.options import file_argument
 from groupstart.programoptions import ProgramChoices, program_options
@@ -38,7 +39,9 @@ def command(file: str, machine: str | None, choices: ProgramChoices, as_json: bo
         diagnostics = list(read_job(text, setup, open_machine(machine).config).diagnostics)
     for line in diagnostic_texts(diagnostics, text, as_json):
         click.echo(line)
+    failed = any(item.severity == "error" for item in diagnostics)
+    tell_dialect(text, choices, failed)
     summary = f"{file}: {counted(diagnostics)}"
-    if any(item.severity == "error" for item in diagnostics):
+    if failed:
         raise VerbError(summary, EXIT_REFUSED)
     click.echo(summary, err=True)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +37,7 @@ EXAMPLE = "compass.nc"
 @stream_options
 @click.option("--port", metavar="sim|PATH", help="Port of the machine's bus instead of the one in its file.")
 @click.option("--home", multiple=True, metavar="AXIS", help="Home this axis before the run; may be repeated.")
+@click.option("--yes", is_flag=True, help="Do not wait for anybody: tool changes and stops are taken as done.")
 @click.option("--runs", type=click.Path(), default="runs", show_default=True, help="Folder of the run folders.")
 @click.option("--json", "as_json", is_flag=True, help="The verdict as JSON.")
 def command(
@@ -45,6 +49,7 @@ def command(
     seed: int | None,
     port: str | None,
     home: tuple[str, ...],
+    yes: bool,
     runs: str,
     as_json: bool,
 ) -> None:
@@ -67,7 +72,7 @@ def command(
         folder.write("job.nc", text)
         folder.write("machine.toml", described.text)
         plan.save(folder.path / "plan.npz")
-        options = RunOptions(port=port, seed=seed, profile=profile, home=home)
+        options = RunOptions(port=port, seed=seed, profile=profile, home=home, ask=asker(yes))
 
         def replan(start: Position) -> tuple[Job, Plan]:
             again = checked_job(name, text, choices, described, start)
@@ -88,6 +93,15 @@ def command(
         raise VerbError("", EXIT_REFUSED)
 
 
+def asker(yes: bool) -> Callable[[str], bool] | None:
+    """How requests reach whoever stands at the machine: on the terminal, if there is one."""
+    if yes:
+        return lambda request: True
+    if not sys.stdin.isatty():
+        return None
+    return lambda request: click.confirm(f"{request}. Done?", default=True, err=True)
+
+
 def example_text() -> str:
     """The program that runs when none is named."""
     return (resources.files("groupstart") / "data" / EXAMPLE).read_text(encoding="utf-8")
@@ -103,11 +117,16 @@ def run_in(
 
     last_line = len(job.text.splitlines())
     with RunProgress(plan.trajectory.duration_s, last_line) as progress, StopFlag() as stop:
+
+        def ask(request: str) -> bool:
+            with progress.aside():
+                return options.ask is not None and options.ask(request)
+
         return perform(
             job,
             plan,
             machine,
-            options,
+            options if options.ask is None else replace(options, ask=ask),
             note=folder.note,
             progress=progress,
             stop_requested=stop,

@@ -120,11 +120,11 @@ def test_a_bus_fault_stops_every_motor_first_and_then_is_told(
     left = [600]
     good = Bus.exchange
 
-    def broken(bus: Bus, exchange: Exchange) -> Evidence:
+    def broken(bus: Bus, exchange: Exchange, **named: Any) -> Evidence:
         left[0] -= 1
         if left[0] == 0:
             raise LinkTimeout("nobody answers", address=exchange.address)
-        return good(bus, exchange)
+        return good(bus, exchange, **named)
 
     monkeypatch.setattr(Bus, "exchange", broken)
     notes: list[str] = []
