@@ -55,6 +55,7 @@ function spreadOf(mode, path, bins = 64) {
   }
   let low = Infinity, high = -Infinity;
   for (let i = 0; i < n; i++) {
+    if (path.kind[i] !== 0) continue;   // only feeds are coloured
     const a = mode.at(i), b = mode.end(i);
     if (a < low) low = a; if (a > high) high = a; if (b < low) low = b; if (b > high) high = b;
   }
@@ -64,7 +65,7 @@ function spreadOf(mode, path, bins = 64) {
   const spread = { low, high, log: !!mode.log, time: new Float64Array(bins) };
   for (let i = 0; i < n; i++) {
     const x = shareOf(spread, 0.5 * (mode.at(i) + mode.end(i)));
-    if (x === x && path.kind[i] !== 2) spread.time[Math.min(bins - 1, Math.floor(x * bins))] += path.t[i + 1] - path.t[i];
+    if (x === x && path.kind[i] === 0) spread.time[Math.min(bins - 1, Math.floor(x * bins))] += path.t[i + 1] - path.t[i];
   }
   return spread;
 }
@@ -79,23 +80,24 @@ function valueAt(spread, share) {
   return spread.log ? spread.low * Math.pow(spread.high / spread.low, share) : spread.low + share * (spread.high - spread.low);
 }
 
-// Colours of stretches first..last-1 into out (6 numbers 0..1 a stretch); what the brush leaves out fades.
-function colourInto(out, mode, spread, brush, first, last, faded, none) {
-  const map = RAMPS[mode.ramp], kinds = mode.kinds && KINDS.map(rgb);
-  for (let i = first, k = 0; i < last; i++, k += 6) {
+// Colours of the stretches index[first..last-1] into out (6 numbers 0..1 a stretch); what the brush leaves out fades.
+const KIND_COLOURS = KINDS.map(rgb);
+function colourInto(out, mode, spread, brush, index, first, last, faded, none) {
+  const map = RAMPS[mode.ramp], kinds = !!mode.kinds;
+  for (let k = first; k < last; k++) {
+    const i = index[k];
     for (let end = 0; end < 2; end++) {
-      const value = end ? mode.end(i) : mode.at(i), o = k + 3 * end;
-      let r, g, b, kept = true;
+      const value = end ? mode.end(i) : mode.at(i), o = 6 * k + 3 * end;
+      let r, g, b;
       if (kinds) {
-        [r, g, b] = kinds[value % kinds.length]; kept = !brush.off.has(value);
+        const c = brush.off.has(value) ? faded : KIND_COLOURS[value % KIND_COLOURS.length];
+        r = c[0]; g = c[1]; b = c[2];
       } else {
         const x = shareOf(spread, value);
-        if (x !== x) { [r, g, b] = none; } else {
-          const c = 3 * Math.round(255 * x); r = map[c]; g = map[c + 1]; b = map[c + 2];
-          kept = x >= brush.low && x <= brush.high;
-        }
+        if (x !== x) { r = none[0]; g = none[1]; b = none[2]; }
+        else if (x < brush.low || x > brush.high) { r = faded[0]; g = faded[1]; b = faded[2]; }
+        else { const c = 3 * Math.round(255 * x); r = map[c]; g = map[c + 1]; b = map[c + 2]; }
       }
-      if (!kept) [r, g, b] = faded;
       out[o] = r / 255; out[o + 1] = g / 255; out[o + 2] = b / 255;
     }
   }

@@ -6,7 +6,7 @@ const breath = () => new Promise((done) => { const c = new MessageChannel(); c.p
 async function unpacked(id) {
   const element = $(id);
   if (!element) return null;
-  const source = await fetch("data:application/octet-stream;base64," + element.textContent);
+  const source = await fetch("data:application/octet-stream;base64," + element.textContent).catch((e) => { throw new Error(id + ": " + e.message); });
   element.remove();
   return new Response(source.body.pipeThrough(new DecompressionStream("gzip")));
 }

@@ -1,0 +1,4 @@
+// Filled by reports only.
+function reportSide() {}
+function reportTabs() { return []; }
+async function reportData() {}
