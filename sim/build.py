@@ -49,6 +49,10 @@ class Simulation:
         """Everything so far that went against the data sheets."""
         return self.log.violations
 
+    def rules(self) -> list[str]:
+        """Numbers of the rules broken so far, in order."""
+        return [v.rule for v in self.log.violations]
+
     @property
     def incidents(self) -> list[Incident]:
         """What chips did on their own account so far."""

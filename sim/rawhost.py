@@ -106,6 +106,19 @@ def machine(
     return simulation, RawHost(simulation.links[0])
 
 
+def single(chip: str) -> tuple[Simulation, RawHost]:
+    """One module ``A`` alone, a PIC-STEP ("step") or a PIC-SERVO ("servo"), up for 2 ms and not started."""
+    module: Module = StepModule("A") if chip == "step" else ServoModule("A")
+    simulation, host = machine([module])
+    host.wait_ms(2)
+    return simulation, host
+
+
+def mixed(seed: int = 1) -> tuple[Simulation, RawHost]:
+    """From the far end to the host: PIC-STEP A, PIC-SERVO B, PIC-STEP C, PIC-SERVO D."""
+    return machine([StepModule("A"), ServoModule("B"), StepModule("C"), ServoModule("D")], seed)
+
+
 def steppers(
     count: int = 1, mode: int = 3, least_speed: int = 1, options: SimOptions | None = None, **spec: object
 ) -> tuple[Simulation, RawHost, list[PicStep]]:

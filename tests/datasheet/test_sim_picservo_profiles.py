@@ -5,45 +5,17 @@ import pytest
 
 from sim import servokernel as k
 from sim.rawhost import FIRM_GAINS, GROUP, i32, servos
+from sim.rawservo import tick, trapezoid, velocity
 from sim.spec import SimOptions
 
 item = pytest.mark.item
 LOOSE = (*FIRM_GAINS[:6], 0x3FFF, 1, 0)
 
 
-def tick(host, chip, count=1):
-    host.link.sleep_until(chip.clock.ns_of(chip.clock.tick_at(host.link.now_ns()) + count))
-    chip.synchronise()
-    return chip.n.tolist()
-
-
-def velocity(host, goal, acceleration=None, *, start=True, address=1):
-    control = 0x32 | (0x80 if start else 0) | (0x40 if goal < 0 else 0)
-    data = i32(abs(goal))
-    if acceleration is not None:
-        control |= 0x04
-        data += i32(acceleration)
-    host.exchange(address, 0x4, [control, *data])
-
-
-def trapezoid(host, goal, peak=None, acceleration=None, *, start=True):
-    control = 0x11 | (0x80 if start else 0)
-    data = i32(goal)
-    for bit, value in ((2, peak), (4, acceleration)):
-        if value is not None:
-            control |= bit
-            data += i32(value)
-    host.exchange(1, 0x4, [control, *data])
-
-
 def command_track(host, chip, ticks):
     """Command position in counts at the next ``ticks`` ticks, and move_done."""
     seen = [tick(host, chip) for _ in range(ticks)]
     return np.array([n[k.COMMAND] / 65536 for n in seen]), np.array([n[k.MOVE_DONE] for n in seen])
-
-
-def rules(sim):
-    return [v.rule for v in sim.violations]
 
 
 @item("SV-040", "SV-041", "SV-110", "SV-112", "SV-113", "SV-116", "SV-180", "SV-193", "SV-194")
@@ -81,7 +53,7 @@ def test_trapezoid(goal):
     assert host.items(1, 0x08, 1)[0] & 0x18 == 0x18
     trapezoid(host, 0, start=True)
     assert host.items(1, 0x08, 1)[0] & 0x18 == 0  # cleared when the next move is started
-    assert rules(sim) == []
+    assert sim.rules() == []
 
 
 @item("SV-042")
@@ -116,7 +88,7 @@ def test_changing_a_trapezoid_is_erratic(choice):
     host.wait_ms(100)
     before = chip.command_position
     trapezoid(host, -100)
-    assert rules(sim) == ["X-07"]
+    assert sim.rules() == ["X-07"]
     assert (abs(chip.command_position - before) > 1000) == (choice == "jump")
 
 
@@ -127,9 +99,9 @@ def test_start_motion_during_a_trapezoid_is_logged():
     trapezoid(host, 8000, 10 * 65536, 3277)
     trapezoid(host, 100, start=False)
     host.wait_ms(20)
-    assert rules(sim) == []
+    assert sim.rules() == []
     host.exchange(1, 0x5)
-    assert rules(sim) == ["X-07"]
+    assert sim.rules() == ["X-07"]
 
 
 @item("SV-045", "SV-046", "SV-048", "SV-117")
@@ -150,7 +122,7 @@ def test_velocity_mode_is_the_exact_integral():
         place += speed
         assert (n[k.VELOCITY], n[k.COMMAND]) == (speed, place)
         assert n[k.MOVE_DONE] == (speed == goal)
-    assert rules(sim) == []
+    assert sim.rules() == []
 
 
 @item("X-82")
@@ -176,7 +148,7 @@ def test_velocity_mode_may_be_entered_in_a_trapezoid():
     speeds = [tick(host, chip)[k.VELOCITY] for _ in range(300)]
     assert np.abs(np.diff(speeds)).max() <= 3277
     assert speeds[-1] == 4 * 65536
-    assert rules(sim) == []
+    assert sim.rules() == []
 
 
 @item("SV-049", "SV-050", "SV-051")
@@ -217,7 +189,7 @@ def test_a_trapezoid_begins_at_zero_velocity():
     host.wait_ms(100)
     trapezoid(host, 30_000, 65536, 655)
     assert chip.n[k.VELOCITY] == 0
-    assert rules(sim) == ["SV-124"]
+    assert sim.rules() == ["SV-124"]
 
 
 @item("SV-110", "SV-111", "SV-112", "SV-113", "SV-114", "SV-119", "SV-120", "X-30")
@@ -233,7 +205,7 @@ def test_load_length_follows_the_control_byte(bits):
     assert load.velocity == (0x11223344 if bits & 2 else 0)
     assert load.acceleration == (0x21222324 if bits & 4 else 0)
     assert load.pwm == (0x55 if bits & 8 else 0)
-    assert rules(sim) == []
+    assert sim.rules() == []
     if bits == 5:
         assert len(data) << 4 | 0x4 == 0x94
         assert data[0] == 0x15
@@ -244,14 +216,14 @@ def test_ranges():
     """SV 5.2: position +/- 0x7FFFFFFF and goal within that of the present one; velocity, acceleration too."""
     sim, host, _ = servos(gains=LOOSE)
     host.exchange(1, 0x4, [0x17, *i32(0x7FFFFFFF), *i32(0x7FFFFFFF), *i32(0x7FFFFFFF)])
-    assert rules(sim) == []
+    assert sim.rules() == []
     host.exchange(1, 0x4, [0x17, *i32(-0x80000000), *i32(-1), *i32(-1)])
-    assert rules(sim) == ["SV-121", "SV-122", "SV-122"]
+    assert sim.rules() == ["SV-121", "SV-122", "SV-122"]
     sim.log.violations.clear()
     host.exchange(1, 0x7, [0x11, *i32(1000)])
     host.wait_ms(200)
     trapezoid(host, -0x7FFFFFFF, 65536, 655)
-    assert rules(sim) == ["SV-121"]
+    assert sim.rules() == ["SV-121"]
 
 
 @item("SV-118", "SV-125", "N-080")
@@ -265,7 +237,7 @@ def test_loads_wait_for_start_motion_and_start_together():
     host.exchange(GROUP, 0x5)
     host.wait_ms(0.6)
     assert [int(c.n[k.GOAL_VELOCITY]) for c in chips] == [65536] * 3
-    assert rules(sim) == []
+    assert sim.rules() == []
 
 
 @item("SV-115", "SV-116")
@@ -288,7 +260,7 @@ def test_pwm_mode_while_moving_is_logged():
     sim, host, _ = servos(gains=LOOSE)
     trapezoid(host, 50_000, 65536, 655)
     host.exchange(1, 0x4, [0x88, 0])
-    assert rules(sim) == ["SV-126"]
+    assert sim.rules() == ["SV-126"]
 
 
 @item("X-47")
@@ -299,7 +271,7 @@ def test_stale_start():
     host.exchange(1, 0x7, [0x05])
     host.exchange(1, 0x5)
     assert chip.n[k.GOAL_VELOCITY] == 65536
-    assert rules(sim) == ["X-47"]
+    assert sim.rules() == ["X-47"]
 
 
 @item("X-48")
@@ -310,7 +282,7 @@ def test_a_load_stays_pending_over_a_stop():
     host.exchange(1, 0x7, [0x05])
     host.exchange(1, 0x5)
     assert chip.n[k.GOAL_VELOCITY] == 65536
-    assert rules(sim) == ["X-48"]
+    assert sim.rules() == ["X-48"]
 
 
 @item("X-90")
@@ -322,7 +294,7 @@ def test_trapezoid_that_never_ends(peak, acceleration):
     host.wait_ms(1000)
     assert not host.status(1) & 0x01
     assert host.position(1) == pytest.approx(0, abs=2)
-    assert rules(sim) == ["X-90"]
+    assert sim.rules() == ["X-90"]
 
 
 @item("SV-180")

@@ -114,7 +114,7 @@ def test_two_manners_of_stopping_are_logged():
     host.exchange(1, 0x9, [0x38])
     host.exchange(1, 0x9, [0xC8])
     host.wait_ms(1)
-    assert [v.rule for v in sim.violations] == ["ST-067", "ST-067"]
+    assert sim.rules() == ["ST-067", "ST-067"]
 
 
 # -- limits -----------------------------------------------------------------------------------------------------------
