@@ -16,6 +16,7 @@ from machines.programmed import programmed_path
 from machines.session import Note, Outcome, Session, SessionError, StreamStatistics
 from machines.verdict import Verdict
 from machines.wiring import motors, planned_axes, scale_of, stands_within
+from nmc.program import Evidence
 from planner.motors import ServoMotor, StepMotor
 from planner.plan import Plan
 from planner.stream import Progress
@@ -33,6 +34,8 @@ class RunOptions:
     home: tuple[str, ...] = ()
     ask: Callable[[str], bool] | None = None
     """Puts a request to whoever stands at the machine; True: it is done, go on. None: nobody is there."""
+    watch: Callable[[Evidence], None] | None = None
+    """Told of every exchange."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -76,6 +79,7 @@ def perform(
     outcome: Outcome | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
+        session.watch = options.watch or session.watch
         try:
             session.connect()
             if options.home:

@@ -119,6 +119,8 @@ class Session:
         self.config = config
         self.state = State.IDLE
         self.note: Note = note or _nothing
+        self.watch: Callable[[Evidence], None] = _nothing
+        """Told of every exchange of a run; set it before ``run``."""
         self._port, self._seed = port, seed
         self._connection: Connection | None = None
 
@@ -295,6 +297,7 @@ class Session:
         patient = PatientSource(source, motors(self.config)[0].address)
         for evidence in play(self.connection.buses, patient):
             statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
+            self.watch(evidence)
             if evidence.exchange.line != line:
                 line = evidence.exchange.line
                 self.note("line", evidence.sent_ns, line=line)
