@@ -105,30 +105,30 @@ def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions |
             log = BusLog() if options.trace_bus else None
             simulation.bus_logs += [log] if log is not None else []
             add_cy545(
-                simulation, spec, (_draws(seed, number, 0), _draws(seed, number, 1), _draws(seed, number, 2)), log
+                simulation, spec, (stream(seed, number, 0), stream(seed, number, 1), stream(seed, number, 2)), log
             )
             continue
         if len(spec.modules) > MAX_MODULES:
             raise ValueError(f"bus {spec.name!r}: {len(spec.modules)} modules, at most {MAX_MODULES} fit (section 1.0)")
         bytes_log = BusLog() if options.trace_bus else None
-        bus = Bus(spec.name, simulation.world, simulation.log, _draws(seed, number, 0), bytes_log)
+        bus = Bus(spec.name, simulation.world, simulation.log, stream(seed, number, 0), bytes_log)
         if bytes_log is not None:
             simulation.bus_logs.append(bytes_log)
         for place, module_spec in enumerate(spec.modules):
             if module_spec.name in simulation.modules:
                 raise ValueError(f"two modules are called {module_spec.name!r}")
             _check(module_spec)
-            module = _module(module_spec, bus, _draws(seed, number, 2 + place), options)
+            module = _module(module_spec, bus, stream(seed, number, 2 + place), options)
             bus.modules.append(module)
             simulation.modules[module_spec.name] = module
         bus.rewire()
         simulation.buses.append(bus)
-        simulation.links.append(SimLink(bus, _draws(seed, number, 1), spec.host_jitter_max_ns))
+        simulation.links.append(SimLink(bus, stream(seed, number, 1), spec.host_jitter_max_ns))
     return simulation
 
 
-def _draws(seed: int, bus: int, use: int) -> Draws:
-    """A stream of its own for every use, so that one more draw here changes nothing there."""
+def stream(seed: int, bus: int, use: int) -> Draws:
+    """Chance for one use: a stream of its own, so that one more draw here changes nothing there."""
     return Draws(np.random.default_rng([seed, bus, use]))
 
 

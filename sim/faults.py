@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
-from sim.build import Simulation
+from sim.build import Simulation, stream
 from sim.bus import Bus
-from sim.draws import Draws
 from sim.module import NmcModule
 from sim.picstep import PicStep
+
+NOISE = 1000  # a use of chance beside those of build
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +121,7 @@ def _die(module: NmcModule) -> None:
 
 
 def _add_noise(bus: Bus, noise: Noise) -> None:
-    draws = Draws(np.random.default_rng([noise.seed, 1]))
+    draws = stream(noise.seed, noise.bus, NOISE)
 
     def active(time_ns: int) -> bool:
         return noise.from_ns <= time_ns < noise.until_ns
