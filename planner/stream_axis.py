@@ -137,25 +137,25 @@ class StepAxis:
         """How many steps off the plan the axis would be at ``target_ns`` without a new count at ``execute_ns``."""
         wanted = self._aim(execute_ns, target_ns)
         next_ns, left = self.twin.nominal.ahead(execute_ns)
-        steps = min(max((target_ns - next_ns) // max(wanted, 1), 1), left - 1)
-        return abs(self.twin.nominal.period_ns - wanted) * steps / max(wanted, 1)
+        span_ns = max(target_ns - next_ns, min(self.twin.nominal.period_ns, wanted))
+        return abs(1.0 / max(self.twin.nominal.period_ns, 1) - 1.0 / max(wanted, 1)) * span_ns if left > 1 else 0.0
 
     def urgency_steps(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> float:
         """What a new count at ``execute_ns`` would mend, in steps; 0 while the next roll-over can wait for a later one.
 
         A load that falls within ``unsure_ns`` of a roll-over acts either one period sooner or later: what that can
-        cost is subtracted, so such instants are avoided.
+        cost is subtracted, so such instants are avoided, but never more than half: turns and steps may beat together.
         """
         timer = self.twin.nominal
         next_ns, left = timer.ahead(execute_ns)
         if left <= 1 or next_ns - execute_ns > horizon_ns:
             return 0.0
-        wanted = self._aim(execute_ns, execute_ns + horizon_ns)
-        steps = min(max((execute_ns + horizon_ns - next_ns) // max(wanted, 1), 1), left - 1)
-        error = abs(timer.period_ns - wanted) * steps / max(wanted, 1)
+        wanted = max(self._aim(execute_ns, execute_ns + horizon_ns), 1)
+        span_ns = max(execute_ns + horizon_ns - next_ns, min(timer.period_ns, wanted))
+        error = abs(1.0 / timer.period_ns - 1.0 / wanted) * span_ns
         since_ns = timer.period_ns - (next_ns - execute_ns)
         if timer.period_ns > 2 * unsure_ns and min(since_ns, next_ns - execute_ns) < unsure_ns:
-            error -= abs(1.0 - timer.period_ns / max(wanted, 1))
+            error -= min(abs(1.0 - timer.period_ns / wanted), error / 2)
         return error
 
     @property
