@@ -12,8 +12,8 @@ from gcode.machine import Machine
 from gcode.state import AXIS_INDEX, State
 
 INVERSE_TIME, PER_MINUTE, PER_REVOLUTION = 930, 940, 950
-RATE_OF_NO_LENGTH = 0.1
-"""Feed of an inverse-time move without length (RS274/NGC leaves it open; LinuxCNC says 0.1)."""
+LEAST_RATE = 0.1
+"""Least feed of an inverse-time move (RS274/NGC leaves it open; LinuxCNC says 0.1)."""
 
 
 def find_end(machine: Machine, block: Block) -> list[float]:
@@ -127,7 +127,7 @@ def straight(machine: Machine, block: Block, motion: int) -> None:
 
 def set_inverse_time(machine: Machine, block: Block, length: float) -> None:
     """G93: the feed that makes the move of ``length`` take 1/F minutes."""
-    machine.state.feed = length * block.words["f"] if length else RATE_OF_NO_LENGTH
+    machine.state.feed = max(length * block.words["f"], LEAST_RATE)
     machine.emit.text(f"SET_FEED_RATE({machine.state.feed:.4f})")
 
 
