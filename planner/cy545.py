@@ -47,6 +47,11 @@ class Indexer:
     before_s: float = 0.15
     after_s: float = 0.15
 
+    @property
+    def name(self) -> str:
+        """Of the motor: an indexer is its axis's only one."""
+        return self.axis
+
     def rate_hz(self, index: int) -> float:
         """Steps/s of a table entry at this crystal."""
         return self.rates.rate_hz(index, self.crystal_mhz)

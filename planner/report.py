@@ -49,7 +49,8 @@ class PlanReport:
     """Times in s, axes by name, counts; ``text()`` for people, ``as_json()`` for tools.
 
     limited_by: share of the motion's time by cause: "feed", "velocity X", "acceleration X", "jerk" (the filter's
-    share of the tolerance). tool_changes and waits take operator's time that no plan knows.
+    share of the tolerance). tool_changes and waits take operator's time that no plan knows. notes: what else is to be
+    known of this plan.
     """
 
     duration_s: float
@@ -69,6 +70,7 @@ class PlanReport:
     slow_corners: tuple[SlowCorner, ...] = ()
     soft_limits: tuple[SoftLimitViolation, ...] = ()
     velocity_jumps: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> str:
         """One JSON object."""
@@ -105,7 +107,7 @@ class PlanReport:
         rows += [
             f"SOFT LIMIT line {v.line}: {v.axis} at {v.position:.3f}, allowed {v.limit:.3f}" for v in self.soft_limits
         ]
-        return "\n".join(rows)
+        return "\n".join(rows + [f"note       {note}" for note in self.notes])
 
 
 def _axis_row(name: str, a: AxisReport) -> str:
