@@ -25,11 +25,12 @@ from machines.patience import PatientSource
 from machines.profiles import choose_profile
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
 from machines.wiring import bus_timing, motors, scale_of, servo_tables, stands_within
+from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.errors import NmcError
 from nmc.executor import play
 from nmc.picservo import PicServo
 from nmc.picstep import PicStep
-from nmc.program import Evidence, ExchangeSource
+from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.quantize import nearest_step
 from planner.stream import Progress, StreamCounts, lead_in_ns, make_source
 from planner.stream_error import StreamError
@@ -82,6 +83,7 @@ class StreamStatistics:
     packets: int = 0
     bytes: int = 0
     busy_ns: int = 0
+    loads: int = 0
     late_slices: int = 0
     slice_ms: float = 0.0
 
@@ -100,6 +102,11 @@ class Outcome:
     positions: dict[str, int]
     begins_at: dict[str, int] = field(default_factory=dict)
     statistics: StreamStatistics = field(default_factory=StreamStatistics)
+
+
+def _is_load(exchange: Exchange) -> bool:
+    """Whether an exchange gives a motor something to do: Load Trajectory, or Stop Motor with a Stop Here position."""
+    return exchange.command == LOAD_TRAJECTORY or (exchange.command == STOP_MOTOR and len(exchange.data) > 1)
 
 
 def _nothing(*_: Any, **__: Any) -> None:
@@ -197,8 +204,8 @@ class Session:
         except BaseException as error:
             self._stop_after_failure(type(error).__name__)
             raise
-        counts = source.counts()
-        statistics.late_slices, statistics.slice_ms = counts.late_slices, counts.slice_ms
+        statistics.late_slices = source.counts().late_slices
+        statistics.slice_ms = self._slice_ms(statistics.loads, source.plan_start_ns)
         self._change(State.IDLE if finished else State.STOPPED)
         return Outcome(
             finished=finished,
@@ -209,6 +216,11 @@ class Session:
             begins_at=begins_at,
             statistics=statistics,
         )
+
+    def _slice_ms(self, loads: int, plan_start_ns: int) -> float:
+        """Mean time between two loads of one motor, whatever profile they belong to."""
+        span_ns = max(self.now_ns - plan_start_ns, 0)
+        return span_ns * len(motors(self.config)) / loads / 1e6 if loads else 0.0
 
     def hold(self, request: str, ask: Callable[[str], bool]) -> None:
         """Wait at rest until ``ask(request)`` answers. Raises SessionError if it says no."""
@@ -297,6 +309,7 @@ class Session:
         patient = PatientSource(source, motors(self.config)[0].address)
         for evidence in play(self.connection.buses, patient):
             statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
+            statistics.loads += _is_load(evidence.exchange)
             self.watch(evidence)
             if evidence.exchange.line != line:
                 line = evidence.exchange.line

@@ -24,7 +24,10 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class BusUse:
-    """Packets sent, bytes both ways, share of the run in which the wire was busy, mean length of a slice."""
+    """Packets sent, bytes both ways, share of the run in which an exchange was under way.
+
+    ``slice_ms``: mean time between two loads of one motor.
+    """
 
     packets: int
     bytes: int
