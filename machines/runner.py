@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from nmc.program import Evidence
 from planner.motors import ServoMotor, StepMotor
 from planner.plan import Plan
 from planner.stream import Progress
+from sim.build import Simulation
 from sim.trace import Trace
 from sim.violations import Violation
 
@@ -36,6 +38,8 @@ class RunOptions:
     """Puts a request to whoever stands at the machine; True: it is done, go on. None: nobody is there."""
     watch: Callable[[Evidence], None] | None = None
     """Told of every exchange."""
+    disturb: Callable[[Simulation, Evidence], None] | None = None
+    """Told of every exchange on the twin, to make something go wrong there."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -79,7 +83,7 @@ def perform(
     outcome: Outcome | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
-        session.watch = options.watch or session.watch
+        session.watch = partial(_told, session, options)
         try:
             session.connect()
             if options.home:
@@ -139,11 +143,19 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
         packets=sum(statistics.packets for statistics in each),
         bytes=sum(statistics.bytes for statistics in each),
         busy_ns=sum(statistics.busy_ns for statistics in each),
+        loads=sum(statistics.loads for statistics in each),
         late_slices=sum(statistics.late_slices for statistics in each),
         slice_ms=max(statistics.slice_ms for statistics in each),
     )
     first, last = outcomes[0], outcomes[-1]
     return replace(last, plan_start_ns=first.plan_start_ns, begins_at=first.begins_at, statistics=total)
+
+
+def _told(session: Session, options: RunOptions, evidence: Evidence) -> None:
+    if options.watch is not None:
+        options.watch(evidence)
+    if options.disturb is not None and session.simulation is not None:
+        options.disturb(session.simulation, evidence)
 
 
 def _nobody(_request: str) -> bool:

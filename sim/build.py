@@ -93,7 +93,8 @@ class Simulation:
             indexer.settle()
         motors = [name for name in self.modules if name in steppers or name in servos] + list(self.indexers)
         runs = {name: m.runs for name, m in steppers.items()} | {name: i.runs for name, i in self.indexers.items()}
-        return collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs)
+        slips = {name: m.slips for name, m in steppers.items()}
+        return collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs, slips)
 
 
 def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions | None = None) -> Simulation:

@@ -40,6 +40,7 @@ class PicStep(nmc.NmcModule):
         self.options = options
         self.clock = ChipClock(BASE_TICK_NS, ppb, phase_ns)
         self.runs = StepRuns(self.clock)
+        self.slips: list[tuple[int, int]] = []
         self.timer = StepTimer(self.runs, self._at_edge)
         self.timer.mechanical = spec.start_steps
         self.inputs = StepInputs(spec.switches, spec.temperature)
@@ -269,6 +270,7 @@ class PicStep(nmc.NmcModule):
         """The motor slips: the mechanics move by ``steps`` without the counter knowing."""
         self.synchronise()
         self.timer.mechanical += steps
+        self.slips.append((self.world.now_ns, steps))
         self._watch_edges()
         inputs_changed(self)
 

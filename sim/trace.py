@@ -6,7 +6,7 @@ A run of steps is (first, period, count, direction): pulse k of it rises at ``fi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,8 @@ _FIELDS = {
     "bus_line": "u1",
     "bus_byte": "u1",
 }
+_SLIPS = {"slip_axis": "u1", "slip_ns": "i8", "slip_steps": "i4"}
+"""Where mechanics and pulses part; in no file before there were any."""
 
 
 class StepRuns:
@@ -135,7 +137,8 @@ class Trace:
     axes: names of the motors. run_axis u1[R], run_first_ns i8[R], run_period_ns f8[R], run_count i4[R], run_dir i1[R]
     (+1 or -1), start_steps i8[A], steps_per_unit f8[A]; servo_axis u1[S], servo_ns i8[S], servo_command i4[S],
     servo_position i4[S], counts_per_unit f8[A]; bus_ns i8[B], bus_line u1[B] (2 * bus + 0 host, 1 status),
-    bus_byte u1[B]; plan_start_ns: trace time at which the plan has its time 0.
+    bus_byte u1[B]; plan_start_ns: trace time at which the plan has its time 0. slip_axis u1[K], slip_ns i8[K],
+    slip_steps i4[K]: steps (signed) by which a motor slipped, which its pulses do not show.
     """
 
     axes: tuple[str, ...]
@@ -155,6 +158,9 @@ class Trace:
     bus_line: npt.NDArray[np.uint8]
     bus_byte: npt.NDArray[np.uint8]
     plan_start_ns: int = 0
+    slip_axis: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    slip_ns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    slip_steps: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def save(
         self,
@@ -176,7 +182,7 @@ class Trace:
             ),
             plan_start_ns=self.plan_start_ns if plan_start_ns is None else plan_start_ns,
         )
-        arrays = {name: getattr(full, name) for name in _FIELDS}
+        arrays = {name: getattr(full, name) for name in (*_FIELDS, *(_SLIPS if len(full.slip_ns) else ()))}
         np.savez(
             path,
             allow_pickle=False,
@@ -199,7 +205,7 @@ class Trace:
 def load(path: str | Path) -> Trace:
     """Read a ``trace.npz``. Raises OSError or KeyError if it is not one."""
     with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in _FIELDS}
+        arrays = {name: file[name] for name in (*_FIELDS, *_SLIPS) if name in _FIELDS or name in file}
         return Trace(
             axes=tuple(str(a) for a in file["axes"]),
             plan_start_ns=int(file["plan_start_ns"]),
@@ -216,8 +222,9 @@ def collect(
     runs: Mapping[str, StepRuns],
     servos: Mapping[str, ServoSamples],
     buses: Sequence[BusLog],
+    slips: Mapping[str, Sequence[tuple[int, int]]] | None = None,
 ) -> Trace:
-    """Put the columns of all motors and buses together, each in order of time."""
+    """Put the columns of all motors and buses together, each in order of time. slips: (time in ns, steps) by motor."""
     step: dict[str, list[npt.NDArray[np.generic]]] = {k: [] for k in _FIELDS}
     for number, name in enumerate(axes):
         if name in runs:
@@ -240,6 +247,9 @@ def collect(
                 columns[name] = columns[name][order]
     for name in ("start_steps", "steps_per_unit", "counts_per_unit"):
         columns[name] = np.zeros(len(axes), _FIELDS[name])
+    slipped = [(ns, axes.index(name), steps) for name, mine in (slips or {}).items() for ns, steps in mine]
+    for place, name in enumerate(("slip_ns", "slip_axis", "slip_steps")):
+        columns[name] = np.array([row[place] for row in sorted(slipped)], _SLIPS[name])
     return Trace(axes=tuple(axes), **columns)  # type: ignore[arg-type]  # one dict holds columns of several types
 
 

@@ -29,7 +29,7 @@ class Plots {
         axis({ size: 58, label: spec.label + (spec.unit ? ", " + spec.unit : ""), labelSize: 16, values: (u, ticks) => ticks.map((v) => v == null ? "" : Math.abs(v) >= 1e4 ? v.toExponential(0) : +v.toPrecision(5) + "") })],
       series: [{}, ...spec.series.map((s) => ({ label: s.label, stroke: s.colour, width: s.width || 1.4, fill: s.fill, points: { show: false },
         dash: s.dash, paths: s.step ? uPlot.paths.stepped({ align: 1 }) : undefined, spanGaps: true }))],
-      hooks: { setSelect: [(u) => { if (u.select.width > 4) { const a = u.posToVal(u.select.left, "x"), b = u.posToVal(u.select.left + u.select.width, "x"); u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false); this.zoom(a, b); } }] },
+      hooks: { draw: [() => { if (p.line) this.place(p); }], setSelect: [(u) => { if (u.select.width > 4) { const a = u.posToVal(u.select.left, "x"), b = u.posToVal(u.select.left + u.select.width, "x"); u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false); this.zoom(a, b); } }] },
     };
     p.u = new uPlot(options, this.data(spec), host);
     p.line = make("div", { class: "cursor-line" });

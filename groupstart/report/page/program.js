@@ -50,11 +50,11 @@ class Program {
   }
 
   row(number) {
-    const row = make("div", { class: "row" + (number === this.now ? " now" : ""), "data-line": number }, make("i", {}, String(number)));
+    const words = make("span"), row = make("div", { class: "row" + (number === this.now ? " now" : ""), "data-line": number }, make("i", {}, String(number)), words);
     for (const part of this.line(number).split(/(\([^)]*\)?|;.*|[GMTO]\s*[\d.]+|F\s*[\d.]+)/i)) {
       if (!part) continue;
       const kind = /^[(;]/.test(part) ? "c" : /^[GMTO]\s*\d/i.test(part) ? "w" : /^F\s*[\d.]/i.test(part) ? "f" : "";
-      row.append(kind ? make("span", { class: kind }, part) : part);
+      words.append(kind ? make("span", { class: kind }, part) : part);
     }
     return row;
   }
