@@ -20,7 +20,8 @@ import numpy as np
 
 from benchmarks.planning_jobs import JOBS, LIMIT_II_S, text
 from gcode.canon import Command
-from gcode.interp import Run, interpret
+from gcode.interp import interpret
+from gcode.run import Run
 from gcode.setup import Setup
 from planner.live import live
 from planner.measure import Measured, measure
@@ -63,7 +64,7 @@ def times(jobs: dict[str, list[Command]]) -> None:
         t0 = time.process_time()
         p = plan(commands, LIMITS, start=START, solver="kernel")
         t1 = time.process_time()
-        plan(interpret(text(job), Setup()).commands, LIMITS, start=START, solver="kernel")
+        plan(Run(text(job), Setup()).stream(), LIMITS, start=START, solver="kernel")
         t2 = time.process_time()
         m, seconds = checked(p.trajectory, moves_of(commands)), p.trajectory.duration_s
         print(
@@ -171,7 +172,7 @@ def stream(source: str, moves: int) -> tuple[int, float, float]:
     constraints = setting_of(LIMITS, START).constraints
     t0 = time.process_time()
     intervals, seconds = 0, 0.0
-    for window in windows(Run(source, Setup()).commands(), LIMITS, start=START, moves=moves):
+    for window in windows(Run(source, Setup()).stream(), LIMITS, start=START, moves=moves):
         intervals += len(window.intervals)
         seconds += float(schedule(window, constraints)[0].duration_s.sum())
     return intervals, seconds, time.process_time() - t0
@@ -195,13 +196,13 @@ FIRST = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from gcode.interp import Run
+from gcode.run import Run
 from gcode.setup import Setup
 from planner.plan import windows
 from planner.types import Limits
 limits = Limits(("X", "Y", "Z"), np.array([60.0, 60, 20]), np.array([500.0, 500, 200]), 0.010)
 source = Path(sys.argv[1]).read_text()
-window = next(windows(Run(source, Setup()).commands(), limits, start=np.zeros(3), moves=2000))
+window = next(windows(Run(source, Setup()).stream(), limits, start=np.zeros(3), moves=2000))
 print(len(window.intervals), time.process_time())
 """
 

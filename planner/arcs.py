@@ -21,7 +21,7 @@ MAX_HALF_STEP = 0.05
 """rad: keeps the feed lost in the middle of a parabola (phi^2 / 3) under 0.1 %."""
 MIN_STEPS = 4
 """vertices of the shortest arc: a run of one arc still needs nodes to accelerate and brake at."""
-_PLANE_AXES = {"XY": ("X", "Y"), "ZX": ("Z", "X"), "YZ": ("Y", "Z")}
+PLANE_AXES = {"XY": ("X", "Y"), "ZX": ("Z", "X"), "YZ": ("Y", "Z")}
 RADIUS_MISMATCH_MM = 0.05
 """a centre whose distances to start and end differ by more than this is refused (the interpreter is stricter)."""
 
@@ -74,7 +74,7 @@ def arcs_of(moves: Moves, axes: tuple[str, ...], begin: F8) -> Arcs:
     for k, name in enumerate(canon.PLANES):
         rows = moves.plane[index] == k
         if rows.any():
-            columns[rows] = [_column(axes, a, moves.line[index[rows]]) for a in _PLANE_AXES[name]]
+            columns[rows] = [_column(axes, a, moves.line[index[rows]]) for a in PLANE_AXES[name]]
     rows = np.arange(len(index))
     start, end, center = begin[index], moves.end[index], moves.center[index]
     p0 = np.stack([start[rows, columns[:, 0]], start[rows, columns[:, 1]]], axis=1) - center

@@ -55,17 +55,10 @@ class Folder:
         keep = np.ones(n, dtype=np.bool_)
         if not n:
             return keep
-        length = np.linalg.norm(moves.end - moves.begin(), axis=1)
-        arc = moves.kind == KIND_ARC
-        if (length[~arc] < SHORTEST_MM).any():
-            held = moves.start
-            for k in range(n):
-                keep[k] = bool(arc[k]) or float(np.linalg.norm(moves.end[k] - held)) >= SHORTEST_MM
-                if keep[k]:
-                    held = moves.end[k]
-        if self.share > 0 and (moves.merge_mm > 0).any():
-            from planner.merge import merge
+        from planner.merge import drop_tiny, merge
 
+        drop_tiny(moves.start, moves.end, moves.kind == KIND_ARC, SHORTEST_MM, keep)
+        if self.share > 0 and (moves.merge_mm > 0).any():
             tolerance = np.minimum(moves.merge_mm, moves.tolerance_mm * self.share)
             free = (moves.kind == KIND_FEED) & (moves.mode == MODE_CONTINUOUS) & ~moves.stop & (tolerance > 0)
             joint = np.zeros(n, dtype=np.bool_)

@@ -3,6 +3,8 @@ intervals."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -52,6 +54,11 @@ def intervals_of(polygon: Polygon, rules: PathRules) -> tuple[Intervals, Index]:
             _corners(out, polygon, corners, (first + has_line)[corners - 1], tangent, cut)
     node = np.append(first, n)
     out.stop[node[polygon.stop]] = True
+    if polygon.corner_mm_s is not None:
+        corner = np.full(n + 1, np.inf)
+        at = np.flatnonzero(np.isfinite(polygon.corner_mm_s))
+        corner[node[at]] = polygon.corner_mm_s[at]
+        out = replace(out, corner_mm_s=corner)
     return out, node
 
 

@@ -29,9 +29,12 @@ TINY = 1e-12
 @njit(cache=True)
 def node_caps(
     length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8,
-    interval_cap: F8, node_cap: F8,
+    corner_mm_s: F8, interval_cap: F8, node_cap: F8,
 ) -> None:  # fmt: skip
-    """Caps on x = s'^2 of intervals f8[N] and nodes f8[N + 1], from feed, axis velocity and curvature; in place."""
+    """Caps on x = s'^2 of intervals f8[N] and nodes f8[N + 1], from feed, axis velocity and curvature; in place.
+
+    corner_mm_s: f8[N + 1], caps on s' at the nodes, or f8[0].
+    """
     n, axes = tangent_in.shape
     node_cap[0] = np.inf
     for i in range(n):
@@ -52,6 +55,8 @@ def node_caps(
             node_cap[i] = 0.0
     if stop[n]:
         node_cap[n] = 0.0
+    for i in range(len(corner_mm_s)):
+        node_cap[i] = min(node_cap[i], corner_mm_s[i] ** 2)
 
 
 @njit(cache=True)
@@ -154,13 +159,16 @@ def commit_point(controllable: F8, optimistic: F8) -> int:
 
 @njit(cache=True)
 def solve(
-    length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8
-) -> tuple[F8, F8]:
+    length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8,
+    corner_mm_s: F8,
+) -> tuple[F8, F8]:  # fmt: skip
     """x = s'^2 at all nodes f8[N + 1] and the intervals' caps f8[N]: minimum time from rest to rest."""
     n = len(length)
     interval_cap, node_cap = np.empty(n), np.empty(n + 1)
     controllable, x = np.empty(n + 1), np.empty(n + 1)
-    node_caps(length, tangent_in, tangent_out, feed_mm_s, stop, velocity, acceleration, interval_cap, node_cap)
+    node_caps(
+        length, tangent_in, tangent_out, feed_mm_s, stop, velocity, acceleration, corner_mm_s, interval_cap, node_cap
+    )
     backward(length, tangent_in, tangent_out, acceleration, node_cap, node_cap[n], controllable)
     forward(length, tangent_in, tangent_out, acceleration, controllable, 0.0, x)
     return x, interval_cap

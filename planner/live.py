@@ -24,7 +24,7 @@ from planner.paths import cut, divide, join_intervals, resting
 from planner.plan import BATCH_MOVES, Setting, setting_of
 from planner.stages import Chunk, chunks
 from planner.timeline import Timeline
-from planner.timing import NodeMark, Pieces, Rate, Timed, schedule, speed_cap
+from planner.timing import NodeMark, Pieces, Rate, Timed, corner_caps, schedule, speed_cap
 from planner.trajectory import PathTrajectory, path_trajectory
 from planner.types import F8, I4, Event, Intervals, Limits
 
@@ -235,7 +235,8 @@ class LiveTrajectory:
             return x, cap, 0
         tangents = c.tangents(p)
         speed = speed_cap(p, tangents, c.velocity, self.rate)
-        kernel.node_caps(p.length, *tangents, speed, p.stop, c.velocity, c.acceleration, cap, node_cap)
+        limits = c.velocity, c.acceleration, corner_caps(p)
+        kernel.node_caps(p.length, *tangents, speed, p.stop, *limits, cap, node_cap)
         if self._x > 0:
             # too fast for the new caps: they give way to the hardest braking
             slow = np.zeros(n + 1)

@@ -45,6 +45,21 @@ def _worst(
 
 
 @njit(cache=True)
+def drop_tiny(start: F8, end: F8, arc: Flags, shortest_mm: float, keep: Flags) -> None:
+    """Clear ``keep`` of moves that end nearer than shortest_mm to the last kept end; arcs are kept."""
+    axes = len(start)
+    held = start
+    for m in range(len(end)):
+        far2 = 0.0
+        for k in range(axes):
+            far2 += (end[m, k] - held[k]) ** 2
+        if arc[m] or far2 >= shortest_mm * shortest_mm:
+            held = end[m]
+        else:
+            keep[m] = False
+
+
+@njit(cache=True)
 def merge(start: F8, end: F8, tolerance: F8, joint: Flags, longest: int, keep: Flags) -> float:
     """Clear ``keep`` of moves whose end may go; returns the largest distance of a dropped vertex, mm.
 

@@ -70,14 +70,14 @@ def polyline(spline: Nurbs, start: tuple[float, float]) -> F8:
     n = int(min(np.ceil(s[-1] / spacing), MOST))
     while True:
         u = np.interp(np.linspace(0.0, s[-1], n + 1), s, fine)
-        chain = _chain(evaluate(control, spline.order, u))
+        chain = chain_of(evaluate(control, spline.order, u))
         middle = np.interp((np.arange(n) + 0.5) * (s[-1] / n), s, fine)
         if n >= MOST or _error(chain, evaluate(control, spline.order, middle)) <= CHORD_MM:
             return chain[1:]
         n = min(2 * n, MOST)
 
 
-def _chain(on_curve: F8) -> F8:
+def chain_of(on_curve: F8) -> F8:
     """Control points whose parabolas pass near ``on_curve`` f8[n + 1, 2]."""
     out = on_curve.copy()
     out[1:-1] -= (on_curve[:-2] - 2 * on_curve[1:-1] + on_curve[2:]) / 8

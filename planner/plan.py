@@ -66,7 +66,8 @@ def setting_of(
     constraints = constraints_of(limits, kinematics)
     tau = filter_width_s(limits) if filter_s is None else filter_s
     matrix = constraints.matrix(len(limits.axes))
-    rules = PathRules(limits.axes, matrix, constraints.acceleration, limits.tolerance_mm, tau)
+    jump = None if tau > 0 else limits.velocity_jump
+    rules = PathRules(limits.axes, matrix, constraints.acceleration, limits.tolerance_mm, tau, velocity_jump=jump)
     return Setting(limits, constraints, rules, start)
 
 

@@ -42,6 +42,7 @@ class PathRules:
 
     axes: planned axes. rows: f8[R, A] and row_acceleration: f8[R], acceleration limits |rows a| <= row_acceleration.
     tolerance_mm: machine default. tau_s: width of the jerk filter, 0: none. merge_share: of the tolerance, for G64 Q.
+    velocity_jump: f8[A] or None, allowed at corners.
     """
 
     axes: tuple[str, ...]
@@ -50,6 +51,7 @@ class PathRules:
     tolerance_mm: float
     tau_s: float = 0.0
     merge_share: float = 0.3
+    velocity_jump: F8 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +61,7 @@ class Polygon:
     vertex: f8[M + 1, A]. leg: f8[M + 1], mm; 0 where the path keeps the vertex. turn: f8[M + 1], |dt|. stop: bool[M +
     1]. inner: bool[M + 1], vertex inside an arc. cap_mm_s: f8[M + 1], cap on s' in the parabola. feed_mm_s: f8[M],
     cap on s'. line: i4[M]. vertex_of: i8[moves + 1], the vertex after so many moves. miss_mm: f8[M + 1], deviation at
-    the vertex.
+    the vertex. corner_mm_s: f8[M + 1] or None, cap on s' at vertices passed with a jump of velocity, inf elsewhere.
     """
 
     vertex: F8
@@ -72,6 +74,7 @@ class Polygon:
     line: I4
     vertex_of: Index
     miss_mm: F8
+    corner_mm_s: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.line)
@@ -201,12 +204,26 @@ def _with_legs(
     allowed = _blend_share(dt, allowed, rules)
     allowed[last[moves.mode == MODE_CURVE]] = np.inf
     leg, sharp = _legs(turn, length, fixed, inner, allowed, stop, sharpest)
+    jumps = _jumps(dt, leg, turn, ~inner & ~stop & (turn > SMOOTH) & (turn < SHARP), rules)
+    if jumps is not None:
+        leg[np.isfinite(jumps)], sharp = 0.0, sharp & np.isinf(jumps)
     move = np.repeat(np.arange(len(moves), dtype=np.int32), np.diff(last, prepend=0))
     miss = np.where(inner | np.isinf(allowed), 0.0, leg * turn / 4)
     cap = _filter_cap(moves, rules, net_mm, move, (leg, dt, miss))
     feed = moves.feed_mm_s[move] * _feed_scale(moves, rules.axes, arcs)[move]
     vertex_of = np.concatenate([[0], last])
-    return Polygon(vertex, leg, turn, stop | sharp, inner, cap, feed, moves.line[move], vertex_of, miss)
+    return Polygon(vertex, leg, turn, stop | sharp, inner, cap, feed, moves.line[move], vertex_of, miss, jumps)
+
+
+def _jumps(dt: F8, leg: F8, turn: F8, corner: npt.NDArray[np.bool_], rules: PathRules) -> F8 | None:
+    """Speed f8[M + 1] of the corners that are passed faster with a jump of velocity than with a blend; inf
+    elsewhere."""
+    if rules.velocity_jump is None or rules.tau_s > 0 or not (rules.velocity_jump > 0).any():
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        jump = np.where(np.abs(dt) < 1e-9, np.inf, rules.velocity_jump / np.abs(dt)).min(axis=1)
+        blended = np.sqrt(_most_acceleration(dt, rules) * 2 * leg / np.maximum(turn, SMOOTH))
+    return np.where(corner & (jump > np.where(leg > 0, blended, 0.0)), jump, np.inf)
 
 
 def _legs(

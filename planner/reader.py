@@ -116,8 +116,8 @@ class MoveReader:
             self.mode = MODES[item.mode]
             self.tolerance_mm = self.default_mm if item.tolerance_mm is None else item.tolerance_mm
             self.merge_mm = item.merge_mm or 0.0
-        elif isinstance(item, canon.Nurbs):
-            self._nurbs(item)
+        elif isinstance(item, canon.Nurbs | canon.TiltedArc):
+            self._curve(item)
         elif isinstance(item, canon.Probe):
             self._rest()
             self._marks.append(Mark(self._count, item, rest=True))
@@ -126,6 +126,9 @@ class MoveReader:
         elif isinstance(item, canon.RigidTap):
             hint = "use a floating tap holder with G84"
             raise PlanError(item.line, "", "rigid tapping (G33.1) needs a spindle encoder", hint)
+        elif isinstance(item, canon.SpindleSynch):
+            if item.pitch_mm is not None:
+                raise PlanError(item.line, "", "threads (G33, G76) need a spindle encoder")
         else:
             moving = isinstance(item, IN_MOTION) or (isinstance(item, canon.Output) and item.synchronised)
             if not moving:
@@ -141,12 +144,30 @@ class MoveReader:
         else:
             self._rest_first = True
 
-    def _nurbs(self, item: canon.Nurbs) -> None:
-        """A spline becomes short feed moves whose inner joints belong to one curve."""
-        from planner.nurbs import polyline
-
+    def _curve(self, item: canon.Nurbs | canon.TiltedArc) -> None:
+        """A curve becomes short feed moves whose inner joints belong together."""
         self._close()
         begin = self._parts[-1].end[-1] if self._parts else self.position
+        smooth = True
+        if isinstance(item, canon.TiltedArc):
+            from planner.tilted import control_points
+
+            end = control_points(item, begin, np.array(item.end)[self._columns_of], self.axes)
+        else:
+            end, smooth = self._spline(item, begin), item.order > 2
+        n = len(end)
+        self._count += n
+        self._append(
+            np.full(n, KIND_FEED, np.uint8), np.full(n, item.line, np.int32), end, np.full(n, item.feed_mm_s),
+            np.zeros(n, np.uint8), np.zeros((n, 2)), np.zeros(n, np.int32),
+        )  # fmt: skip
+        if smooth:
+            self._parts[-1].mode[:-1] = MODE_CURVE
+            self._parts[-1].stop[:-1] = False
+
+    def _spline(self, item: canon.Nurbs, begin: F8) -> F8:
+        from planner.nurbs import polyline
+
         missing = next((a for a in "XY" if a not in self.axes), None)
         if missing:
             raise PlanError(item.line, missing, f"a spline moves axis {missing}, but the machine has none")
@@ -154,15 +175,7 @@ class MoveReader:
         points = polyline(item, (float(begin[x]), float(begin[y])))
         end = np.tile(begin, (len(points), 1))
         end[:, [x, y]] = points
-        n = len(end)
-        self._count += n
-        self._append(
-            np.full(n, KIND_FEED, np.uint8), np.full(n, item.line, np.int32), end, np.full(n, item.feed_mm_s),
-            np.zeros(n, np.uint8), np.zeros((n, 2)), np.zeros(n, np.int32),
-        )  # fmt: skip
-        if item.order > 2:
-            self._parts[-1].mode[:-1] = MODE_CURVE
-            self._parts[-1].stop[:-1] = False
+        return end
 
     def _add(
         self,

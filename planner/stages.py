@@ -26,7 +26,7 @@ from planner.moves import Mark, Moves, join, no_moves
 from planner.paths import cut, join_intervals, resting
 from planner.polygon import PathRules, polygon_of
 from planner.reader import MoveReader
-from planner.timing import NodeMark, Timed, speed_cap
+from planner.timing import NodeMark, Timed, corner_caps, speed_cap
 from planner.types import F8, Intervals
 
 HELD, CONTEXT = 4, 2
@@ -121,7 +121,8 @@ class TimingStage:
         c = self._constraints
         tangents = c.tangents(p)
         speed = speed_cap(p, tangents, c.velocity)
-        kernel.node_caps(p.length, *tangents, speed, p.stop, c.velocity, c.acceleration, cap, node_cap)
+        limits = c.velocity, c.acceleration, corner_caps(p)
+        kernel.node_caps(p.length, *tangents, speed, p.stop, *limits, cap, node_cap)
         kernel.backward(p.length, *tangents, c.acceleration, node_cap, 0.0, safe)
         commit = n
         if not last and node_cap[n] > 0:

@@ -60,7 +60,18 @@ def survey(
         limited_by=_causes(base, timed, constraints, moving) if len(p) else {},
         slow_corners=_slow_corners(timed) if len(p) else (),
         soft_limits=soft_limits(timed, limits.axes, travel or {}),
+        velocity_jumps=_jumps(timed, limits.axes),
     )
+
+
+def _jumps(timed: Timed, axes: tuple[str, ...]) -> dict[str, float]:
+    """Largest jump of each axis's velocity at a node, mm/s, of the axes that have one."""
+    p = timed.intervals
+    if p.corner_mm_s is None or len(p) < 2:
+        return {}
+    step = np.abs(p.tangent_in[1:] - p.tangent_out[:-1]) * np.sqrt(timed.x[1:-1])[:, None]
+    most = step.max(axis=0)
+    return {name: float(most[k]) for k, name in enumerate(axes) if most[k] > 1e-6}
 
 
 def _count(events: Sequence[Event], kind: type[canon.Command]) -> int:

@@ -73,12 +73,12 @@ def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tu
     v, a = constraints.velocity, constraints.acceleration
     speed = speed_cap(p, tangents, v)
     if chosen == "kernel":
-        x, cap = kernel.solve(p.length, *tangents, speed, p.stop, v, a)
+        x, cap = kernel.solve(p.length, *tangents, speed, p.stop, v, a, corner_caps(p))
         return x, cap, "kernel"
     from planner import reference
 
     cap, node_cap = np.empty(len(p)), np.empty(len(p) + 1)
-    kernel.node_caps(p.length, *tangents, speed, p.stop, v, a, cap, node_cap)
+    kernel.node_caps(p.length, *tangents, speed, p.stop, v, a, corner_caps(p), cap, node_cap)
     return reference.solve(p, tangents, a, node_cap), cap, "toppra"
 
 
@@ -100,6 +100,11 @@ def speed_cap(p: Intervals, tangents: tuple[F8, F8], velocity: F8, rate: Rate | 
             most = np.maximum(np.abs(tangents[0][rapid]), np.abs(tangents[1][rapid]))
             speed[rapid] = rate.rapid * (velocity / np.maximum(most, 1e-12)).min(axis=1)
     return speed if p.bound_mm_s is None else np.minimum(speed, p.bound_mm_s)
+
+
+def corner_caps(p: Intervals) -> F8:
+    """Caps on s' at the nodes f8[N + 1] for the kernel, f8[0] where there are none."""
+    return np.zeros(0) if p.corner_mm_s is None else p.corner_mm_s
 
 
 def _has_toppra() -> bool:

@@ -26,7 +26,8 @@ class Limits:
     """What the axes may do, in mm and s (degrees on rotary axes).
 
     axes: names, a subset of XYZABCUVW in that order. velocity, acceleration: f8[A], > 0. jerk: f8[A] or None (no
-    filter). tolerance_mm: the machine's default of G64 P.
+    filter). tolerance_mm: the machine's default of G64 P. velocity_jump: f8[A] or None, mm/s by which an axis may
+    change its velocity at once in a corner (the pull-in rate of a stepper); not used together with a jerk filter.
     """
 
     axes: tuple[str, ...]
@@ -34,6 +35,7 @@ class Limits:
     acceleration: F8
     tolerance_mm: float
     jerk: F8 | None = None
+    velocity_jump: F8 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +45,8 @@ class Intervals:
     length: f8[N], > 0, mm of path. start: f8[N, A], q at the interval's start. tangent_in, tangent_out: f8[N, A], q'
     just inside its two ends (equal on a line). feed_mm_s: f8[N], cap on s' (inf: none). line: i4[N]. stop: bool[N +
     1], nodes at which s' must be zero; the first and the last are always True. bound_mm_s: f8[N] or None, cap on s'
-    that no override raises (the jerk filter's share of the tolerance).
+    that no override raises (the jerk filter's share of the tolerance). corner_mm_s: f8[N + 1] or None, cap on s' at
+    nodes where q' jumps (inf elsewhere).
     """
 
     length: F8
@@ -54,6 +57,7 @@ class Intervals:
     line: I4
     stop: npt.NDArray[np.bool_]
     bound_mm_s: F8 | None = None
+    corner_mm_s: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.length)

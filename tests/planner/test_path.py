@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gcode import canon
+from planner.errors import PlanError
 from planner.follow import follow
 from planner.kinematics import corexy, gantry
 from planner.measure import measure
@@ -179,3 +180,56 @@ def test_exact_path_passes_tangent_arcs_with_rounded_coordinates_without_stoppin
     m = measure(p.trajectory, moves_of(commands, LIMITS, ORIGIN), LIMITS.velocity, LIMITS.acceleration)
     assert m.deviation_mm < 3e-4
     assert m.acceleration.max() <= 1.0001
+
+
+@pytest.mark.parametrize("plane", ["ZX", "YZ"])
+def test_arcs_in_a_rotated_plane_stay_on_their_circle(plane):
+    turn = np.radians(30)
+    across = np.array([np.cos(turn), np.sin(turn), 0]) if plane == "ZX" else np.array([-np.sin(turn), np.cos(turn), 0])
+    end = tuple(10 * across) + (0.0,) * 6
+    center = tuple(5 * across) + (0.0,) * 6
+    turns = 1 if plane == "ZX" else -1
+    arc = canon.TiltedArc(2, end, center, plane, 30.0, turns, 15.0)
+    p = plan([arc], LIMITS, start=ORIGIN, solver="kernel")
+    q = p.trajectory.q(np.linspace(0, p.trajectory.duration_s, 5001))
+    assert p.report.stops == 2
+    assert np.abs(np.linalg.norm(q - 5 * across, axis=1) - 5).max() < 5e-4
+    assert q[:, 2].max() == pytest.approx(5.0, abs=1e-3)
+    assert q[-1] == pytest.approx(end[:3], abs=1e-9)
+
+
+def test_what_needs_a_spindle_encoder_is_refused_with_its_line():
+    for command in (canon.RigidTap(5, at(0, 0, -5), 1.0), canon.SpindleSynch(5, 1.0)):
+        with pytest.raises(PlanError, match="line 5"):
+            plan([command], LIMITS, start=ORIGIN)
+
+
+def test_an_allowed_jump_passes_corners_on_their_vertex_and_is_reported():
+    jump = np.array([4.0, 3.0, 0.0])
+    limits = Limits(LIMITS.axes, LIMITS.velocity, LIMITS.acceleration, 0.001, velocity_jump=jump)
+    commands = [canon.Feed(1, at(20), 40.0), canon.Feed(2, at(20, 20), 40.0), canon.Feed(3, at(20, 20, 2), 15.0)]
+    p = plan(commands, limits, start=ORIGIN)
+    plain = plan(commands, Limits(LIMITS.axes, LIMITS.velocity, LIMITS.acceleration, 0.001), start=ORIGIN)
+    assert p.trajectory.duration_s < plain.trajectory.duration_s
+    assert p.report.velocity_jumps == {"X": pytest.approx(3.0), "Y": pytest.approx(3.0)}
+    assert plain.report.velocity_jumps == {}
+    q = p.trajectory.q(p.trajectory.junctions_s())
+    assert np.linalg.norm(q - [20, 0, 0], axis=1).min() < 1e-9
+    assert "jumps" in p.report.text()
+    t = p.trajectory.junctions_s()
+    before, after = p.trajectory.v(np.nextafter(t[1:-1], 0.0)), p.trajectory.v(t[1:-1])
+    assert (np.abs(after - before).max(axis=0) <= jump + 1e-6).all()
+
+
+def test_toppra_and_windows_keep_the_corner_speeds_of_jumps():
+    from planner.constraints import constraints_of
+    from planner.plan import windows
+    from planner.timing import schedule
+
+    limits = Limits(LIMITS.axes, LIMITS.velocity, LIMITS.acceleration, 0.002, velocity_jump=np.full(3, 2.0))
+    rng = np.random.default_rng(8)
+    commands = [canon.Feed(k, at(*p), 40.0) for k, p in enumerate(np.cumsum(rng.normal(size=(80, 3)), axis=0))]
+    whole = plan(commands, limits, start=ORIGIN, solver="kernel").trajectory.duration_s
+    assert plan(commands, limits, start=ORIGIN, solver="toppra").trajectory.duration_s == pytest.approx(whole, rel=1e-6)
+    parts = windows(commands, limits, start=ORIGIN, moves=7)
+    assert sum(schedule(w, constraints_of(limits))[0].duration_s.sum() for w in parts) == pytest.approx(whole)
