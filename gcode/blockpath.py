@@ -271,7 +271,7 @@ def _block(
     end = _to_machine(frame, used, program)
     feed = rows.feed[selected] * state.unit_mm / 60.0
     if any(axis in {3, 4, 5} for axis in used) and state.unit_mm != 1.0:
-        feed = _rotary_feed(machine, rows, used, end, selected, feed)
+        feed = _rotary_feed(machine, used, end, rows.feed[selected], feed)
     feed = np.where(motion == 0, 0.0, feed)
     centers = np.zeros((len(selected), 2))
     round_ = motion >= 20
@@ -281,11 +281,7 @@ def _block(
     plane = np.full(len(selected), PLANE_INDEX[state.plane], np.uint8)
     lines = (selected + first_line).astype(np.int32)
     if len(selected):
-        last = list(machine.emit.last)
-        for column, axis in enumerate(used):
-            last[axis] = float(end[-1, column])
-        x, y, z, a, b, c, u, v, w = last
-        machine.emit.last = (x, y, z, a, b, c, u, v, w)
+        _stand_at(machine, used, end[-1])
     names = "".join(AXES[axis] for axis in used).upper()
     notes = _feed_notes(rows, selected, first_line, good)
     return MoveBlock(names, kind, lines, end, feed, plane, centers, turns[selected], notes)
@@ -331,11 +327,44 @@ def _centers(
     return at[:, [used.index(first), used.index(second)]]
 
 
-def _rotary_feed(machine: Machine, rows: _Rows, used: list[int], end: F8, selected: I8, feed: F8) -> F8:
+def _rotary_feed(machine: Machine, used: list[int], end: F8, degrees: F8, feed: F8) -> F8:
     """Moves of rotary axes alone have their feed in degrees per minute, whatever the length unit."""
     before = np.vstack([[machine.emit.last[axis] for axis in used], end[:-1]]) if len(end) else end
     change = end != before
     linear = [column for column, axis in enumerate(used) if axis in LINEAR]
     rotary = [column for column, axis in enumerate(used) if axis not in LINEAR]
     alone = ~change[:, linear].any(axis=1) & change[:, rotary].any(axis=1)
-    return np.where(alone, rows.feed[selected] / 60.0, feed)
+    return np.where(alone, degrees / 60.0, feed)
+
+
+def rows_block(machine: Machine, axes: list[int], table: F8, notes: tuple[tuple[int, Text], ...]) -> MoveBlock:
+    """Straight moves as a block. table: f8[N, 2 + axes + 1]: motion code, line, program coordinates, feed."""
+    state, frame = machine.state, machine.emit.frame
+    program = [table[:, 2 + column] for column in range(len(axes))]
+    end = _to_machine(frame, axes, program)
+    motion, feed = table[:, 0], table[:, -1]
+    rate = feed * state.unit_mm / 60.0
+    if any(axis in {3, 4, 5} for axis in axes) and state.unit_mm != 1.0 and len(end):
+        rate = _rotary_feed(machine, axes, end, feed, rate)
+    count = len(table)
+    if count:
+        _stand_at(machine, axes, end[-1])
+    return MoveBlock(
+        "".join(AXES[axis] for axis in axes).upper(),
+        (motion >= 10.0).astype(np.uint8),
+        table[:, 1].astype(np.int32),
+        end,
+        np.where(motion == 0.0, 0.0, rate),
+        np.full(count, PLANE_INDEX[state.plane], np.uint8),
+        np.zeros((count, 2)),
+        np.zeros(count, np.int32),
+        notes,
+    )
+
+
+def _stand_at(machine: Machine, axes: list[int], end: F8) -> None:
+    last = list(machine.emit.last)
+    for column, axis in enumerate(axes):
+        last[axis] = float(end[column])
+    x, y, z, a, b, c, u, v, w = last
+    machine.emit.last = (x, y, z, a, b, c, u, v, w)

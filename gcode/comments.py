@@ -16,6 +16,11 @@ _ACTIVE = re.compile(r"\s*(msg|debug|print|logopen|logappend|logclose|log|abort)
 _MARK = re.compile(r"%d|%f|%\.\df|#\d+|#<[^>()]*>")
 
 
+def is_active(text: str) -> bool:
+    """Whether a comment does something."""
+    return _ACTIVE.match(text) is not None
+
+
 def comment(machine: Machine, block: Block) -> None:
     """The last parenthesised comment of a line."""
     text = block.comment or ""

@@ -8,6 +8,7 @@ with care not to report consequences of what was skipped.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from typing import TYPE_CHECKING
 
 from gcode.assign import assign
 from gcode.block import AXIS_LETTERS, Block, Line
@@ -24,7 +25,7 @@ from gcode.machine import Machine
 from gcode.named import ini_value, install
 from gcode.offsets import emit_origin, emit_rotation, emit_shift
 from gcode.places import place
-from gcode.program import Program, has_percent
+from gcode.program import Construct, Program, has_percent
 from gcode.recovery import meant, recover
 from gcode.resolve import resolve
 from gcode.scanner import scan_line
@@ -33,6 +34,9 @@ from gcode.state import AXIS_INDEX
 from gcode.stream import NeedsStructureError, Stream, plain_line
 from gcode.synch import Answer, Assumptions, Synch
 from gcode.textsource import Source, TextSource
+
+if TYPE_CHECKING:
+    from gcode.hotloop import HotLoops
 
 Event = Command | MoveBlock
 ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208", "GC216"})
@@ -58,6 +62,8 @@ class Run:
         self._uncertain: set[int] = set()
         self._steps = 0
         self._modal_macro: dict[str, float] | None = None
+        self._hot: HotLoops | None = None
+        self._passes = 0
         self.machine.run_text = self._run_text
         self.machine.profile = self._profile
         self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
@@ -169,12 +175,45 @@ class Run:
         for fault in flow.main.faults:
             self._note(fault.error, flow.main.name, fault.index + 1, flow.main.lines[fault.index], "error")
         while not self.machine.finished and not self._too_much():
+            construct = self._warm_loop()
+            if construct is not None:
+                yield from self._run_hot(construct)
+                continue
             if not self._next():
                 break
             yield from self._handed_out()
         if self.machine.finished and has_percent(flow.main) and flow.main.stop == len(flow.main.lines):
             self._missing_percent(len(flow.main.lines))
         yield from self._handed_out()
+
+    def _warm_loop(self) -> Construct | None:
+        """The loop that begins at the next line, if it has run often enough to be compiled."""
+        flow = self.flow
+        construct = flow.program.at.get(flow.index)
+        if construct is None or construct.kind != "while" or construct.start != flow.index or construct.end < 0:
+            return None
+        if self._hot is None:
+            self._passes += 1
+            if self._passes < 100:
+                return None
+            from gcode.hotloop import HotLoops
+
+            self._hot = HotLoops(self.machine)
+        return construct if self._hot.is_warm(flow.program, flow.index) else None
+
+    def _run_hot(self, construct: Construct) -> Generator[Event, Answer | None, None]:
+        """Runs a compiled loop; where it gives up, the interpreter goes on from its ``while`` line."""
+        hot, flow = self._hot, self.flow
+        assert hot is not None
+        for lines in hot.run(flow.program, construct):
+            self._steps += lines
+            yield from self._handed_out()
+            if self._too_much():
+                return
+        if hot.finished_at >= 0:
+            flow.index = hot.finished_at
+        elif self._next():
+            yield from self._handed_out()
 
     def _handed_out(self) -> Generator[Event, Answer | None, None]:
         """Yields what the last line gave, and asks the machine if the line waits for it."""
