@@ -11,7 +11,8 @@ from groupstart.picture import PathData, PinData
 from machines.judge import trace_pins
 from machines.runner import RunResult
 from machines.schema import MachineConfig
-from machines.wiring import motors, scale_of
+from machines.wiring import every_motor, scale_of
+from planner.cy545 import Indexer
 from planner.motors import Motor
 from planner.planfile import sample_times
 from planner.types import Trajectory
@@ -41,8 +42,8 @@ def pin_data(config: MachineConfig, result: RunResult, axes: tuple[str, ...]) ->
     if trace is None or outcome is None:
         return None
     out = trace_pins(trace, outcome.begins_at, trace.servo_position)
-    first: dict[str, Motor] = {}
-    for motor in motors(config):
+    first: dict[str, Motor | Indexer] = {}
+    for motor in every_motor(config):
         first.setdefault(motor.axis, motor)
     columns = [trace.axes.index(first[axis].name) for axis in axes]
     scale = np.array([scale_of(first[axis]) for axis in axes])

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from machines.cy545_lines import open_ports, simulated_indexers
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
-from machines.wiring import bus_specs, motor_tables, servo_tables, speed_mode
+from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
 from nmc.bus import Bus
 from nmc.chips import picio, picstep
+from nmc.cy545 import Cy545
 from nmc.executor import PARKED_GROUP, stop_all
 from nmc.link import Link
 from nmc.picservo import Gains, PicServo
@@ -29,26 +31,27 @@ STEADY_WITHIN_NS = 3_000_000_000
 
 @dataclass(slots=True)
 class Connection:
-    """The buses of a machine, in the order of its file. ``simulation``: the twin, None on real ports."""
+    """The buses of a machine, in the order of its file. ``simulation``: the twin, None on real ports.
+
+    ``indexers``: CY545s by axis, each on a line of its own, which is none of the buses.
+    """
 
     config: MachineConfig
     links: list[Link]
     buses: list[Bus]
     simulation: Simulation | None
     modules: dict[str, list[ModuleInfo]] = field(default_factory=dict)
+    indexers: dict[str, Cy545] = field(default_factory=dict)
 
     def records(self) -> dict[str, list[str]]:
         """Bytes of real ports as text by bus; a simulated bus keeps its bytes in the trace."""
-        names = list(self.config.bus)
-        return {
-            name: list(link.lines())
-            for name, link in zip(names, self.links, strict=True)
-            if isinstance(link, RecordingLink)
-        }
+        links = dict(zip(nmc_buses(self.config), self.links, strict=True))
+        links |= {f"{axis}-cy545": indexer.link for axis, indexer in self.indexers.items()}
+        return {name: list(link.lines()) for name, link in links.items() if isinstance(link, RecordingLink)}
 
     def close(self) -> None:
         """Give the ports back."""
-        for link in self.links:
+        for link in (*self.links, *(indexer.link for indexer in self.indexers.values())):
             link.close()
 
 
@@ -66,26 +69,28 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
     """
     if is_simulated(config, port):
         simulation = build(bus_specs(config), config.sim.seed if seed is None else seed)
-        links = list(simulation.links)
-        return Connection(config, links, [Bus(link) for link in links], simulation)
+        links = simulation.links[: len(nmc_buses(config))]
+        chips = simulated_indexers(config, simulation)
+        return Connection(config, links, [Bus(link) for link in links], simulation, indexers=chips)
     from nmc.serial_link import SerialLink
 
-    names = [bus.port for bus in config.bus.values()]
+    names = [bus.port for bus in nmc_buses(config).values()]
     if port is not None:
-        if len(names) != 1:
-            raise ValueError(f"--port names one port, the machine has {len(names)} buses; write them in its file")
+        if len(config.bus) != 1:
+            raise ValueError(f"--port names one port, the machine has {len(config.bus)} buses; write them in its file")
         names = [port]
-    if SIM in names:
+    if SIM in (*names, *(bus.port for bus in config.bus.values() if port is None)):
         raise ValueError("a machine is on ports or simulated as a whole; give every bus a port")
     opened: list[Link] = []
     try:
         for name in names:
             opened.append(RecordingLink(SerialLink(name)))
+        chips = open_ports(config)
     except Exception:
         for link in opened:
             link.close()
         raise
-    return Connection(config, opened, [Bus(link) for link in opened], None)
+    return Connection(config, opened, [Bus(link) for link in opened], None, indexers=chips)
 
 
 def bring_up(connection: Connection) -> bool:
@@ -97,9 +102,9 @@ def bring_up(connection: Connection) -> bool:
     config = connection.config
     kept = connection.simulation is None and all(
         found_ready(bus, expectations(config, name), table.baud)
-        for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True)
+        for (name, table), bus in zip(nmc_buses(config).items(), connection.buses, strict=True)
     )
-    for (name, table), bus in zip(config.bus.items(), connection.buses, strict=True):
+    for (name, table), bus in zip(nmc_buses(config).items(), connection.buses, strict=True):
         wanted = expectations(config, name)
         connection.modules[name] = take_over(bus, wanted) if kept else start_up(bus, wanted, table.baud)
     for axis, step in motor_tables(config).values():
@@ -107,6 +112,8 @@ def bring_up(connection: Connection) -> bool:
         _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x", kept)
     for _, servo in servo_tables(config).values():
         _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
+    for indexer in connection.indexers.values():
+        indexer.start_up(kept)
     return kept
 
 
@@ -211,14 +218,20 @@ def drivers(connection: Connection) -> dict[str, PicStep | PicServo]:
 
 def read_positions(connection: Connection) -> dict[str, int]:
     """Counter of every motor, read back from its chip."""
-    return {name: driver.position() for name, driver in drivers(connection).items()}
+    found = {name: driver.position() for name, driver in drivers(connection).items()}
+    return found | {axis: indexer.read_position() for axis, indexer in connection.indexers.items()}
 
 
 def stop_everything(connection: Connection) -> int:
     """Stop every motor of every bus at once; returns the rounds it took. Raises NmcError if one cannot be stopped."""
-    return max(stop_all(bus) for bus in connection.buses)
+    for indexer in connection.indexers.values():
+        indexer.begin_stop()
+    rounds = max(stop_all(bus) for bus in connection.buses)
+    for indexer in connection.indexers.values():
+        indexer.finish_stop()
+    return rounds
 
 
 def bus_of(connection: Connection, name: str) -> Bus:
     """The bus of that name."""
-    return connection.buses[list(connection.config.bus).index(name)]
+    return connection.buses[list(nmc_buses(connection.config)).index(name)]

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from machines.arith import evaluate
+from machines.cy545rates import STAND_IN, read_rates
 
 Found = tuple[tuple[str, ...], str, str]
 """Key path, message, hint."""
@@ -26,6 +27,7 @@ def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
     yield from _rates(data)
     yield from _references(data)
     yield from _home_switches(data)
+    yield from _lines(data)
 
 
 def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -137,6 +139,30 @@ def _home_switches(data: Mapping[str, Any]) -> Iterator[Found]:
             and axis.get("chip") == "pic-servo"
         ):
             yield ("sim", "axis", name, "home_at"), "a pic-servo has no home input", "use limit1_at or limit2_at"
+
+
+def _lines(data: Mapping[str, Any]) -> Iterator[Found]:
+    """A CY545 has a line for itself, and a rate table that can be read."""
+    members = list(_members(data))
+    for path, table in members:
+        if table.get("chip") != "cy545":
+            continue
+        others = [".".join(other) for other, each in members if other != path and each.get("bus") == table.get("bus")]
+        if others:
+            message = f"bus {table.get('bus')} also has {', '.join(others)}"
+            yield (*path, "bus"), message, "a CY545 needs a serial line of its own: give it another [bus.NAME]"
+        name = table.get("rate_table", STAND_IN)
+        if isinstance(name, str) and name:
+            try:
+                read_rates(name)
+            except ValueError as error:
+                hint = "columns rate,steps_per_s_12mhz, one row for each of the rates 0..255"
+                yield (*path, "rate_table"), str(error), hint
+        home = table.get("home")
+        missing = [key for key in ("abort_line", "home_line") if table.get(key, "none") == "none"]
+        if isinstance(home, dict) and missing:
+            message = f"homing a CY545 needs {' and '.join(missing)}"
+            yield (*path, "home"), message, "outputs of the port: rts, dtr; inputs: cts, dsr, cd, ri"
 
 
 def _number(value: Any) -> float | None:

@@ -19,7 +19,8 @@ from gcode.setup import Setup
 from gcode.source import split_lines
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
-from machines.wiring import planned_axes, planner_limits, travel
+from machines.wiring import indexers, planned_axes, planner_limits, travel
+from planner.cy545_plan import plan_indexed
 from planner.errors import PlanError
 from planner.plan import Plan, plan
 from planner.timing import Solver
@@ -61,6 +62,9 @@ def plan_job(job: Job, config: MachineConfig, solver: Solver = "auto") -> Plan:
     """Plan a job without errors. Raises PlanError with the program's line."""
     limits = planner_limits(config)
     start = np.array([job.start[AXES.index(axis)] for axis in limits.axes])
+    alone = indexers(config)
+    if alone:
+        return plan_indexed(job.commands, limits, alone, start=start, solver=solver)
     return plan(job.commands, limits, start=start, solver=solver)
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from machines.schema import MachineConfig
 from machines.session import Outcome
 from machines.verdict import BusUse, Peak, Spread, Verdict, reasons_against
-from machines.wiring import motors, scale_of
+from machines.wiring import every_motor, scale_of
 from planner.plan import Plan
 from planner.planfile import sample_times
 from planner.quantize import nearest_step
@@ -121,7 +121,7 @@ def _contours(
     config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace, programmed: F8 | None
 ) -> tuple[Contour, Contour | None]:
     """What was commanded against the plan, and of a machine with servos also where the shafts were."""
-    by_name = {motor.name: motor for motor in motors(config)}
+    by_name = {motor.name: motor for motor in every_motor(config)}
     names = trace.axes
     followed = tuple(by_name[name].axis for name in names)
     scale = np.array([scale_of(by_name[name]) for name in names])
@@ -140,7 +140,7 @@ def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) 
     return {
         motor.name: outcome.positions[motor.name]
         - nearest_step(float(end[trajectory.axes.index(motor.axis)]), scale_of(motor))
-        for motor in motors(config)
+        for motor in every_motor(config)
     }
 
 

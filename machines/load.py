@@ -14,6 +14,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from machines.checks import cross_checks
+from machines.cy545rates import with_table_paths
 from machines.errors import ConfigError, MachineError, MachineMissingError
 from machines.schema import MachineConfig
 from machines.toml_lines import key_lines, line_of
@@ -85,6 +86,7 @@ def parse_machine(text: str, origin: str) -> MachineConfig:
         raise MachineError([_syntax_error(error, origin)]) from None
     except RecursionError:
         raise MachineError([ConfigError(origin, None, "", "nested too deeply")]) from None
+    data = with_table_paths(data, origin)
     lines = key_lines(text)
     found: list[ConfigError] = []
     config: MachineConfig | None = None

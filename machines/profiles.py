@@ -34,9 +34,8 @@ def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profi
 
 def why_not_streamed(config: MachineConfig) -> str:
     """Why this machine cannot be streamed to by this version, in words; empty if it can."""
-    others = [name for name, table in config.axis.items() if table.chip == "cy545"]
-    if others:
-        return f"axis {', '.join(others)}: programs cannot move a CY545 axis yet"
+    if not motors(config):
+        return "programs need at least one axis on an NMC bus"
     divided = [name for name, (_, table) in servo_tables(config).items() if table.servo.servo_rate_divisor != 1]
     if divided:
         return f"motor {', '.join(divided)}: programs need servo_rate_divisor = 1"

@@ -16,9 +16,9 @@ from machines.parts import parts_of, request
 from machines.programmed import programmed_path
 from machines.session import Note, Outcome, Session, SessionError, StreamStatistics
 from machines.verdict import Verdict
-from machines.wiring import motors, planned_axes, scale_of, stands_within
+from machines.wiring import every_motor, planned_axes, scale_of, stands_within
 from nmc.program import Evidence
-from planner.motors import ServoMotor, StepMotor
+from planner.motors import ServoMotor
 from planner.plan import Plan
 from planner.stream import Progress
 from sim.build import Simulation
@@ -173,7 +173,7 @@ def _nothing(_progress: Progress) -> None:
 def _from_here(session: Session, job: Job, plan: Plan, replan: Replan | None) -> tuple[Job, Plan]:
     """The job and plan that begin where the machine stands."""
     where = session.where()
-    slack = {motor.axis: (stands_within(motor) + 0.5) / abs(scale_of(motor)) for motor in motors(session.config)}
+    slack = {motor.axis: (stands_within(motor) + 0.5) / abs(scale_of(motor)) for motor in every_motor(session.config)}
     away = [axis for axis, place in where.items() if abs(place - job.start[AXES.index(axis)]) > slack[axis]]
     if not away:
         return job, plan
@@ -191,8 +191,8 @@ def position_of(where: Mapping[str, float]) -> Position:
 
 def _scaled(trace: Trace, outcome: Outcome | None, machine: MachineFile) -> Trace:
     """The trace with what only the machine's description knows: scales, and where the plan begins."""
-    driven = {motor.name: motor for motor in motors(machine.config)}
-    steps = [scale_of(motor) if isinstance(motor := driven[name], StepMotor) else 0.0 for name in trace.axes]
+    driven = {motor.name: motor for motor in every_motor(machine.config)}
+    steps = [0.0 if isinstance(motor := driven[name], ServoMotor) else scale_of(motor) for name in trace.axes]
     counts = [scale_of(motor) if isinstance(motor := driven[name], ServoMotor) else 0.0 for name in trace.axes]
     return replace(
         trace,
@@ -204,7 +204,7 @@ def _scaled(trace: Trace, outcome: Outcome | None, machine: MachineFile) -> Trac
 
 def scales(machine: MachineFile) -> dict[str, float]:
     """Steps or counts a unit by motor."""
-    return {motor.name: scale_of(motor) for motor in motors(machine.config)}
+    return {motor.name: scale_of(motor) for motor in every_motor(machine.config)}
 
 
 def _with_places(words: str, positions: dict[str, int] | None, machine: MachineFile) -> str:

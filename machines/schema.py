@@ -153,12 +153,22 @@ class ServoMotorTable(MotorKeys):
 
 
 class Cy545MotorTable(Table):
-    """A motor behind a CY545: a serial port of its own (``bus``), no address. ``rate_table``: a CSV file."""
+    """A motor behind a CY545: a serial port of its own (``bus``), no address.
+
+    ``rate_table``: a CSV file, or the shipped stand-in. ``crystal_mhz``: of the chip. ``abort_line``: output of the
+    port that pulls INHIBIT_ABORT low, ``home_line``: input with the home switch, ``cts``: CTS is wired.
+    ``command_gap_ms``: rest after each command.
+    """
 
     chip: Literal["cy545"]
     bus: str
     steps_per_unit: Scale
-    rate_table: str = "stand-in"
+    rate_table: str = Field(default="stand-in", min_length=1)
+    crystal_mhz: Annotated[float, BeforeValidator(number), Field(ge=1, le=24)] = 12.0
+    abort_line: Literal["none", "rts", "dtr"] = "none"
+    home_line: Literal["none", "cts", "dsr", "cd", "ri"] = "none"
+    cts: bool = False
+    command_gap_ms: Annotated[float, BeforeValidator(number), Field(ge=1, le=100)] = 5.0
 
 
 class StepAxis(AxisKeys, StepMotorTable):

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,10 +22,11 @@ import numpy as np
 from machines import bringup
 from machines.bringup import Connection
 from machines.homing import Homed, home_servo, home_stepper
+from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.patience import PatientSource
 from machines.profiles import choose_profile
 from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
-from machines.wiring import bus_timing, motors, scale_of, servo_tables, stands_within
+from machines.wiring import bus_timing, every_motor, motors, scale_of, servo_tables, stands_within
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.errors import NmcError
 from nmc.executor import play
@@ -32,7 +34,7 @@ from nmc.picservo import PicServo
 from nmc.picstep import PicStep
 from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.quantize import nearest_step
-from planner.stream import Progress, StreamCounts, lead_in_ns, make_source
+from planner.stream import Progress, StreamCounts, StreamSource, lead_in_ns, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
@@ -174,7 +176,7 @@ class Session:
         """Machine position of every axis by its first motor, read back from the chips; mm or degrees."""
         counters = self._positions()
         found: dict[str, float] = {}
-        for motor in motors(self.config):
+        for motor in every_motor(self.config):
             found.setdefault(motor.axis, counters[motor.name] / scale_of(motor))
         return found
 
@@ -234,7 +236,7 @@ class Session:
     def _require_start(self, trajectory: Trajectory, counters: dict[str, int]) -> None:
         """A stream begins on the very step where the machine stands, or not at all."""
         start = trajectory.q(np.zeros(1))[0]
-        for motor in motors(self.config):
+        for motor in every_motor(self.config):
             wanted = nearest_step(float(start[trajectory.axes.index(motor.axis)]), scale_of(motor))
             off = counters[motor.name] - wanted
             if abs(off) > stands_within(motor):
@@ -293,8 +295,17 @@ class Session:
         timing = bus_timing(self.config, driven[0].bus, simulated)
         chosen = choose_profile(self.config, profile, simulated)
         self.note("profile", self.now_ns, profile=chosen)
-        start_ns = self.now_ns + lead_in_ns(driven, timing)
-        return make_source(trajectory, driven, timing=timing, start_ns=start_ns, profile=chosen)
+        lead_ns = lead_in_ns(driven, timing)
+
+        def make(stretch: Trajectory, start_ns: int) -> StreamSource:
+            return make_source(stretch, driven, timing=timing, start_ns=start_ns, profile=chosen)
+
+        if not has_index_moves(trajectory):
+            return make(trajectory, self.now_ns + lead_ns)
+        connection = self.connection
+        park = partial(bringup.park, connection)
+        yard = Yard(connection.indexers, make, park, lead_ns, driven[0].address, driven[0].bus)
+        return IndexingSource(trajectory, yard, self.now_ns + lead_ns)
 
     def _stream(
         self, source: RunSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]

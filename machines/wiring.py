@@ -9,12 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from gcode.canon import AXES
-from machines.schema import MachineConfig, PlantTable, ServoMotorTable, SimMotor, StepMotorTable
+from machines.cy545 import cy545_tables, indexer_of, line_names, line_specs
+from machines.schema import BusTable, MachineConfig, PlantTable, ServoMotorTable, SimMotor, StepMotorTable
 from machines.travel import Travel
 from nmc.budget import BusTiming
+from planner.cy545 import Indexer
 from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import speed_mode_for
+from planner.stream import lead_in_ns
 from planner.types import Limits
+from sim.cy545_spec import Cy545Port
 from sim.spec import BusSpec, IoModule, Module, ServoModule, ServoPlant, StepModule, Switch
 
 NS_PER_MS = 1_000_000
@@ -58,9 +62,28 @@ def motor_tables(config: MachineConfig) -> dict[str, tuple[str, StepMotorTable]]
     return found
 
 
+def nmc_buses(config: MachineConfig) -> dict[str, BusTable]:
+    """The buses with NMC modules, in the order of the file; the others are lines of CY545s."""
+    lines = line_names(config)
+    return {name: table for name, table in config.bus.items() if name not in lines}
+
+
+def every_motor(config: MachineConfig) -> list[Motor | Indexer]:
+    """All motors as a trace has them: those of the buses, then those on CY545s."""
+    return [*motors(config), *indexers(config)]
+
+
+def indexers(config: MachineConfig) -> list[Indexer]:
+    """Motors on CY545s, in the order of their lines: after a move the next stream needs its lead-in."""
+    driven = motors(config)
+    simulated = all(bus.port == "sim" for bus in config.bus.values())
+    lead_ns = max((lead_in_ns(driven, bus_timing(config, m.bus, simulated)) for m in driven), default=0)
+    return [indexer_of(config, axis, table, lead_ns) for axis, table in cy545_tables(config).items()]
+
+
 def motors(config: MachineConfig) -> list[Motor]:
     """Motors as planner lowers to them, in the order of the buses and of their chains, as a trace has them."""
-    buses = list(config.bus)
+    buses = list(nmc_buses(config))
     found: list[Motor] = []
     for name, (axis, step) in motor_tables(config).items():
         mode = speed_mode(config, axis, step)
@@ -70,15 +93,15 @@ def motors(config: MachineConfig) -> list[Motor]:
     return sorted(found, key=lambda motor: (motor.bus, motor.address))
 
 
-def scale_of(motor: Motor) -> float:
+def scale_of(motor: Motor | Indexer) -> float:
     """Steps or counts a unit, signed."""
-    return motor.steps_per_unit if isinstance(motor, StepMotor) else motor.counts_per_unit
+    return motor.counts_per_unit if isinstance(motor, ServoMotor) else motor.steps_per_unit
 
 
 SERVO_STANDS_WITHIN = 4
 
 
-def stands_within(motor: Motor) -> int:
+def stands_within(motor: Motor | Indexer) -> int:
     """Steps or counts by which a motor may stand beside its place: a servo's shaft is never quite still."""
     return SERVO_STANDS_WITHIN if isinstance(motor, ServoMotor) else 0
 
@@ -103,9 +126,9 @@ def servo_tables(config: MachineConfig) -> dict[str, tuple[str, ServoMotorTable]
     return found
 
 
-def bus_specs(config: MachineConfig) -> list[BusSpec]:
-    """The simulated modules of every bus, in chain order."""
-    modules: dict[str, dict[int, Module]] = {bus: {} for bus in config.bus}
+def bus_specs(config: MachineConfig) -> list[BusSpec | Cy545Port]:
+    """The simulated modules of every bus, in chain order; then the CY545s on lines of their own."""
+    modules: dict[str, dict[int, Module]] = {bus: {} for bus in nmc_buses(config)}
     for name, (_, step) in motor_tables(config).items():
         modules[step.bus][step.address] = _step_module(config, name, step)
     for name, (_, servo) in servo_tables(config).items():
@@ -116,14 +139,19 @@ def bus_specs(config: MachineConfig) -> list[BusSpec]:
             crystal_ppm_max=config.sim.crystal_ppm,
             reply_delay_max_ns=round(config.sim.reply_delay_ms * NS_PER_MS),
         )
-    return [
+    buses = [
         BusSpec(
             name=bus,
             modules=tuple(module for _, module in sorted(modules[bus].items())),
             host_jitter_max_ns=round(config.sim.host_jitter_ms * NS_PER_MS),
         )
-        for bus in config.bus
+        for bus in modules
     ]
+    switches = {
+        name: _switches(config.sim.axis.get(name, SimMotor()), table.steps_per_unit)
+        for name, table in cy545_tables(config).items()
+    }
+    return [*buses, *line_specs(config, switches)]
 
 
 def _step_module(config: MachineConfig, name: str, table: StepMotorTable) -> StepModule:
@@ -186,7 +214,7 @@ REAL_PORT_JITTER_MS = 2.0
 
 def bus_timing(config: MachineConfig, bus: int, simulated: bool) -> BusTiming:
     """What a stream assumes of a bus: the file's ``host_jitter_ms``, else the twin's, else a cautious value."""
-    table = list(config.bus.values())[bus]
+    table = list(nmc_buses(config).values())[bus]
     jitter_ms = table.host_jitter_ms
     if jitter_ms is None:
         jitter_ms = config.sim.host_jitter_ms if simulated else REAL_PORT_JITTER_MS

@@ -26,9 +26,10 @@ from nmc.link import Link
 GAP_NS = 5_000_000
 """Rest after a carriage return: the manual says that a command takes some time, not how much."""
 ANSWER_NS = 50_000_000
-CRYSTAL_SHARE = 1000
-"""A motion may last a thousandth longer than reckoned: crystals are better than that."""
 GRACE_NS = 5_000_000
+SETTLE_NS = 50_000_000
+"""Of a chip that is stopped on the way: the steps in progress, and what the command itself took."""
+ENDLESS_NS = 1 << 62
 CTS_POLL_NS = 1_000_000
 ASK_AGAIN_NS = 100_000_000
 ASKS = 5
@@ -75,20 +76,32 @@ class Cy545:
         self.position = 0
         self._said: dict[str, int] = {}
         self._wire_free_ns = 0
+        self._slowing_ns = 0
         self._continuous = False
 
     # -- start-up and commands -----------------------------------------------------------------------------------------
 
-    def start_up(self) -> None:
-        """Find the chip, reset it (I) and start at position 0. Raises LinkTimeout if nobody answers."""
+    def start_up(self, keep: bool = False) -> None:
+        """Find the chip, reset it (I) and start at position 0. Raises LinkTimeout if nobody answers.
+
+        keep: leave it as an earlier session did; the block cannot be known, so the position is that nearest to 0.
+        """
         self.link.set_baud(self.baud)
         self.lines.pull_abort(False)
         for _ in range(2):  # ends whatever an earlier host left unfinished
             self._write(b"\r")
             self._rest()
         self.link.flush_input()
-        self._ask_patiently("P")
-        self.initialize()
+        register = self._ask_patiently("P")
+        if keep:
+            self.position = _nearest(register, 0)
+        else:
+            self.initialize()
+
+    def read_position(self) -> int:
+        """The position, read back from the chip. Raises LocalFault while it moves."""
+        self.position = _nearest(self.query("P"), self.position)
+        return self.position
 
     def initialize(self) -> None:
         """I: every parameter to its default, position 0."""
@@ -126,7 +139,7 @@ class Cy545:
         self._must_rest()
         self.link.flush_input()
         self._write(data)
-        answer = self.link.read(answer_length(about), self.link.now_ns() + self._wire_ns(20) + ANSWER_NS)
+        answer = self.link.read(answer_length(about), self.link.now_ns() + self.wire_ns(20) + ANSWER_NS)
         self._rest()
         try:
             return read_answer(answer, about)
@@ -158,14 +171,16 @@ class Cy545:
     def begin(self, data: bytes, target: int, lasts_ns: int, at_ns: int = 0) -> int:
         """Send the command that begins a motion so that its end is heard at ``at_ns``, or at once.
 
-        lasts_ns: how long the motion takes. Returns the time at which the chip has heard it.
+        lasts_ns: how long the motion takes; half of it is what slowing down takes at most. Returns the time at which
+        the chip has heard it.
         """
         self._must_rest()
-        self.link.sleep_until(at_ns - self._wire_ns(len(data)))
+        self.link.sleep_until(at_ns - self.wire_ns(len(data)))
         self._write(data)
-        heard_ns = self.link.now_ns() + self._wire_ns(len(data))
+        heard_ns = self.link.now_ns() + self.wire_ns(len(data))
         self.moving, self.expected = True, target
-        self.ready_ns = heard_ns + lasts_ns + lasts_ns // CRYSTAL_SHARE + GRACE_NS
+        self.ready_ns = heard_ns + lasts_ns + lasts_ns // facts.CRYSTAL_SHARE + GRACE_NS
+        self._slowing_ns = lasts_ns // 2
         return heard_ns
 
     def move_to(self, target: int, lasts_ns: int) -> int:
@@ -176,28 +191,42 @@ class Cy545:
         self.begin(data, target, lasts_ns)
         return self.finish()
 
-    def run_continuous(self, clockwise: bool) -> None:
-        """C and G: step until ``abort``. Raises LocalFault where nothing could stop it."""
+    def run_continuous(self, clockwise: bool, slowing_ns: int) -> None:
+        """C and G: step until ``stop``. slowing_ns: how long the ramp down from the top rate takes.
+
+        Raises LocalFault where nothing could stop it.
+        """
         if not self.can_abort:
             words = "continuous mode needs a line from the host to INHIBIT_ABORT"
             raise LocalFault(words, rule="CY545 manual, chapter 5, C")
         self.command("+" if clockwise else "-")
         self.command("C")
         self._write(encode("G"))
-        self.moving, self.expected, self.ready_ns = True, None, self.link.now_ns()
+        self.moving, self.expected, self._slowing_ns = True, None, slowing_ns
+        self.ready_ns = ENDLESS_NS
 
-    def abort(self, slowing_ns: int) -> int:
-        """Pull INHIBIT_ABORT until the chip has stopped; returns where it stands.
+    def stop(self) -> int:
+        """Stop a motion under way as soon as can be; returns where the chip stands then."""
+        self.begin_stop()
+        return self.finish_stop()
 
-        slowing_ns: how long the ramp down takes at most. The block is found from where the chip was: it must not have
-        gone half a block from there. Raises LinkTimeout if it does not stop.
+    def begin_stop(self) -> None:
+        """Pull INHIBIT_ABORT, if the host can: the chip slows down."""
+        if self.moving and self.can_abort:
+            self.lines.pull_abort(True)
+            slowed_ns = self.link.now_ns() + self._slowing_ns + self._slowing_ns // facts.CRYSTAL_SHARE + SETTLE_NS
+            self.ready_ns, self.expected = min(self.ready_ns, slowed_ns), None
+
+    def finish_stop(self) -> int:
+        """Wait until the chip must stand, and read where. Without a line to stop it, it goes to its target first.
+
+        The block is found from where the motion began: it must not have gone half a block. Raises LinkTimeout.
         """
-        self.lines.pull_abort(True)
-        self.link.sleep_until(self.link.now_ns() + slowing_ns + slowing_ns // CRYSTAL_SHARE + GRACE_NS)
-        self.moving = False
-        register = self._ask_patiently("P")
-        self.position = _nearest(register, self.position)
-        self.lines.pull_abort(False)
+        if self.moving:
+            self.link.sleep_until(self.ready_ns)
+            self.moving = False
+            self.position = _nearest(self._ask_patiently("P"), self.position)
+            self.lines.pull_abort(False)
         return self.position
 
     def finish(self) -> int:
@@ -245,13 +274,14 @@ class Cy545:
             raise LocalFault(words, rule="CY545 manual, chapter 16")
 
     def _write(self, data: bytes) -> None:
-        self._wire_free_ns = self.link.now_ns() + self._wire_ns(len(data))
+        self._wire_free_ns = self.link.now_ns() + self.wire_ns(len(data))
         self.link.write(data)
 
     def _rest(self) -> None:
         self.link.sleep_until(self._wire_free_ns + self.gap_ns)
 
-    def _wire_ns(self, characters: int) -> int:
+    def wire_ns(self, characters: int) -> int:
+        """Time that characters take on the line."""
         return characters * facts.BITS_PER_CHAR * 1_000_000_000 // self.baud
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcode.canon import Command, MoveBlock
-from nmc.chips.cy545 import STEPS_MAX
+from nmc.chips.cy545 import CRYSTAL_SHARE, STEPS_MAX
 from planner.cy545 import Indexer, choose, profile
 from planner.cy545_report import report_of_sequence
 from planner.cy545_sequence import IndexMove, SequenceBuilder
@@ -41,8 +41,9 @@ def plan_indexed(
     reports: list[PlanReport] = []
     for stage in split(commands, limits.axes, tuple(by_axis), start):
         if isinstance(stage, Index):
-            for move in index_moves(by_axis[stage.axis], stage):
-                builder.index(move, by_axis[stage.axis].before_s, by_axis[stage.axis].after_s)
+            indexer = by_axis[stage.axis]
+            for move in index_moves(indexer, stage):
+                builder.index(move, indexer.before_s, indexer.after_s + move.duration_s / CRYSTAL_SHARE)
         else:
             planned = plan(stage.commands, shared, start=stage.start[common], solver=solver, travel=travel)
             builder.together(planned.trajectory, planned.timed)

@@ -18,6 +18,7 @@ def command(machine: str, port: str | None) -> None:
     Motors stop, amplifiers go off, positions are lost.
     """
     from machines.bringup import connect
+    from machines.wiring import nmc_buses
     from nmc.errors import NmcError
     from nmc.setup import reset_network
 
@@ -27,7 +28,7 @@ def command(machine: str, port: str | None) -> None:
     except (NmcError, ValueError) as error:
         raise VerbError(str(error), EXIT_FAULT) from None
     try:
-        for name, bus in zip(config.bus, connection.buses, strict=True):
+        for name, bus in zip(nmc_buses(config), connection.buses, strict=True):
             reset_network(bus)
             click.echo(f"bus {name}: reset", err=True)
     except NmcError as error:

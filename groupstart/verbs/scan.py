@@ -22,6 +22,7 @@ def command(machine: str, port: str | None, reset: bool, as_json: bool) -> None:
     A network that has addresses is read without being disturbed; one without is given them, as at start-up.
     """
     from machines.bringup import connect
+    from machines.wiring import nmc_buses
     from nmc.errors import NmcError
     from nmc.scan import scan
 
@@ -31,7 +32,7 @@ def command(machine: str, port: str | None, reset: bool, as_json: bool) -> None:
     except (NmcError, ValueError) as error:
         raise VerbError(str(error), EXIT_FAULT) from None
     try:
-        for name, bus in zip(config.bus, connection.buses, strict=True):
+        for name, bus in zip(nmc_buses(config), connection.buses, strict=True):
             try:
                 result = scan(bus, reset=reset)
             except NmcError as error:

@@ -26,6 +26,9 @@ RATE_MIN, RATE_MAX = 1, 255  # rate 0 is not told: refused
 RATES = 256
 JOG_DIVISOR = 20  # chapter 2: JOG runs at First Rate / 20
 
+CRYSTAL_SHARE = 1000
+"""A motion may last this part longer than reckoned: crystals are better than a thousandth."""
+
 # Chapter 16: three characters are kept while a command executes, everything else is lost
 BUFFER_CHARS = 3
 END = 0x0D  # carriage return, chapters 4 and 5

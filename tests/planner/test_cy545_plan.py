@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcode.canon import ORIGIN, Dwell, Feed, Message, MoveBlock, PathControl, Position, Rapid
-from machines.cy545 import read_rates
+from machines.cy545rates import read_rates
 from planner.cy545 import Indexer, choose, profile
 from planner.cy545_plan import index_moves, plan_indexed
 from planner.cy545_sequence import IndexedTrajectory
@@ -75,7 +75,8 @@ def test_the_trajectory_is_the_stretches_with_the_chips_ramp_between_them() -> N
     assert move is not None
     assert move.profile.duration_ns == profile(A, choose(A), 3600).duration_ns
     assert t.stages[1].begin_s == pytest.approx(first.duration_s + A.before_s)
-    rests = 2 * (A.before_s + A.after_s)
+    turning = sum(stage.duration_s for stage in t.stages if stage.index is not None)
+    rests = 2 * (A.before_s + A.after_s) + turning / 1000  # a crystal may be a thousandth slow
     together = sum(stage.duration_s for stage in t.stages)
     assert t.duration_s == pytest.approx(together + rests + 0.5)
     end = t.q(np.array([t.duration_s]))[0]
@@ -121,7 +122,7 @@ def test_events_keep_their_place_between_the_moves() -> None:
     ).trajectory
     dwell = next(e for e in t.events if isinstance(e.command, Dwell))
     index = next(stage for stage in t.stages if stage.index is not None)
-    assert dwell.time_s == pytest.approx(index.begin_s + index.duration_s + A.after_s)
+    assert dwell.time_s == pytest.approx(index.begin_s + index.duration_s * 1.001 + A.after_s)
 
 
 def test_a_jerk_filter_leaves_the_stages_where_they_are() -> None:

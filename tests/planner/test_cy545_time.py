@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from machines.cy545 import read_rates
+from machines.cy545rates import read_rates
 from nmc.chips import cy545 as facts
 from nmc.cy545 import Cy545
 from planner.cy545 import Indexer, RampSettings, choose, profile
