@@ -21,12 +21,13 @@ import numpy as np
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.cy545_homing import home_indexer
 from machines.homing import Homed, home_servo, home_stepper
 from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.patience import PatientSource
 from machines.profiles import choose_profile
-from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
-from machines.wiring import bus_timing, every_motor, motors, scale_of, servo_tables, stands_within
+from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
+from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.errors import NmcError
 from nmc.executor import play
@@ -271,6 +272,9 @@ class Session:
             return home_stepper(self.config, axis, table, chip)
         if isinstance(chip, PicServo) and isinstance(table, ServoMotorTable):
             return home_servo(self.config, axis, table, chip)
+        if isinstance(table, Cy545Axis):
+            indexer = next(each for each in indexers(self.config) if each.axis == axis)
+            return home_indexer(axis, table, indexer, self.connection.indexers[axis])
         raise ValueError("its chip cannot be homed yet")
 
     def stop(self) -> dict[str, int]:

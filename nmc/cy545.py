@@ -98,6 +98,11 @@ class Cy545:
         else:
             self.initialize()
 
+    def set_position(self, position: int) -> None:
+        """A: call the place where the chip stands ``position`` (steps)."""
+        self.command("A", position % facts.BLOCK)
+        self.position = position
+
     def read_position(self) -> int:
         """The position, read back from the chip. Raises LocalFault while it moves."""
         self.position = _nearest(self.query("P"), self.position)
