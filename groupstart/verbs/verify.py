@@ -11,6 +11,7 @@ from groupstart.inputs import open_machine, read_program
 from groupstart.options import file_argument, machine_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
+from groupstart.reportoptions import ReportChoices, report_options
 
 
 @click.command(name="verify")
@@ -21,6 +22,7 @@ from groupstart.programoptions import ProgramChoices, program_options
 @stream_options
 @click.option("--json", "as_json", is_flag=True, help="The verdict as JSON.")
 @click.option("--trace", type=click.Path(), help="File for everything that came out of the pins (trace.npz).")
+@report_options
 def command(
     file: str,
     machine: str,
@@ -30,6 +32,7 @@ def command(
     seed: int | None,
     as_json: bool,
     trace: str | None,
+    report: ReportChoices,
 ) -> None:
     """Run FILE on the simulated machine and judge what comes out of its pins.
 
@@ -45,7 +48,7 @@ def command(
     from groupstart.progress import RunProgress
     from groupstart.stopflag import StopFlag
 
-    options = RunOptions(port="sim", seed=seed, profile=profile)
+    options = report.watched(RunOptions(port="sim", seed=seed, profile=profile), plan)
     with RunProgress(plan.trajectory.duration_s, len(text.splitlines())) as progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     if trace is not None and result.trace is not None:
@@ -53,6 +56,8 @@ def command(
         click.echo(f"wrote {trace}", err=True)
     if result.verdict is None:
         raise VerbError(result.fault, EXIT_FAULT)
+    result = report.finish(result, described, choices, options)
+    assert result.verdict is not None
     if as_json:
         click.echo(json.dumps(result.verdict.as_json(), indent=2))
     else:

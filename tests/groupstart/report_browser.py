@@ -108,9 +108,7 @@ class Browser:
     def click(self, x: float, y: float) -> None:
         """A click of the left button at a place of the page."""
         for kind in ("mousePressed", "mouseReleased"):
-            self._call(
-                "Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1}
-            )
+            self._call("Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1})
 
     def click_on(self, selector: str) -> None:
         """A click on the middle of an element, scrolled into view."""

@@ -60,7 +60,7 @@ function spreadOf(mode, path, bins = 64) {
     if (a < low) low = a; if (a > high) high = a; if (b < low) low = b; if (b > high) high = b;
   }
   if (!(low <= high)) { low = 0; high = 1; }
-  low = mode.low ?? (mode.log ? Math.max(low, high / 1000, 1e-3) : low); high = mode.high ?? high;
+  low = mode.low ?? (mode.log ? Math.max(low, high / 30, 1e-3) : low); high = mode.high ?? high;
   if (!(high > low)) high = low + (Math.abs(low) || 1) * 1e-3;
   const spread = { low, high, log: !!mode.log, time: new Float64Array(bins) };
   for (let i = 0; i < n; i++) {

@@ -135,7 +135,7 @@ class Page {
     const layers = [["rapids", "rapids"], ["limits", "soft limits"], ["bounds", "bounds"], ["grid", "grid"], ["ahead", "what is ahead"]];
     if (this.page.report) layers.push(["sim", "simulated"]);
     for (const [id, label] of layers) {
-      const b = make("button", { class: "on", "data-layer": id, onclick: () => { scene.layers[id] = !scene.layers[id]; b.classList.toggle("on", scene.layers[id]); scene.apply(); scene.setTime(this.now); } }, label);
+      const b = make("button", { class: scene.layers[id] ? "on" : "", "data-layer": id, onclick: () => { scene.layers[id] = !scene.layers[id]; b.classList.toggle("on", scene.layers[id]); scene.apply(); scene.setTime(this.now); } }, label);
       $("layers").append(b);
     }
     $("view-note").textContent = "turn: left, move: right, zoom: wheel, click the path: go there";

@@ -15,7 +15,7 @@ class Scene {
     this.controls = new T.OrbitControls(this.camera, canvas);
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.touch());
-    this.layers = { rapids: true, limits: true, bounds: true, grid: true, ahead: true, sim: true };
+    this.layers = { rapids: true, limits: true, bounds: true, grid: true, ahead: true, sim: false };
     this.brush = { low: 0, high: 1, off: new Set() };
     this.frames = 0;
     this.resized = new ResizeObserver(() => this.fitCanvas());
