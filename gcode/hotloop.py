@@ -12,6 +12,7 @@ import numpy as np
 from gcode.blockpath import can_run, rows_block
 from gcode.canon import MoveBlock, Text
 from gcode.codegen import CHECK_EVERY, MARK_FEED, NotCompilableError, Unit, write_loop
+from gcode.hothelpers import HELPERS
 from gcode.machine import Machine
 from gcode.program import Construct, Program
 
@@ -21,34 +22,6 @@ WARM = 12
 Loop = Callable[[tuple[Any, ...], list[float]], Iterator[tuple[Any, ...]]]
 
 
-def _round(x: float) -> float:
-    return float(math.trunc(x + (0.5 if x >= 0.0 else -0.5)))
-
-
-def _mod(x: float, y: float) -> float:
-    if y == 0.0:
-        raise ZeroDivisionError
-    rest = math.fmod(x, y)
-    return rest + abs(y) if rest < 0.0 else rest
-
-
-def _times(count: float) -> int:
-    return int(count + 0.5) if count > 0.0 else 0
-
-
-def _positive(value: float) -> float:
-    if value <= 0.0:
-        raise ValueError
-    return value
-
-
-_HELPERS: dict[str, Any] = {
-    **{
-        name: getattr(math, name)
-        for name in ("sin", "cos", "tan", "asin", "acos", "atan2", "sqrt", "exp", "log", "floor", "ceil", "pi")
-    },
-    **{"pow_": math.pow, "mod_": _mod, "round_": _round, "times_": _times, "positive_": _positive},
-}
 _GIVES_UP = (ArithmeticError, ValueError, TypeError, NameError, RecursionError)
 
 
@@ -111,7 +84,7 @@ class HotLoops:
             except NotCompilableError:
                 self.ready[key] = None
                 return None
-            space = dict(_HELPERS)
+            space = dict(HELPERS)
             exec(compile(unit.source, f"<loop of line {construct.start + 1}>", "exec"), space)
             found = Compiled(unit, space["loop"], incremental)
             self.ready[key] = found

@@ -205,6 +205,7 @@ class Run:
         """Runs a compiled loop; where it gives up, the interpreter goes on from its ``while`` line."""
         hot, flow = self._hot, self.flow
         assert hot is not None
+        self._line_number = construct.start + 1
         for lines in hot.run(flow.program, construct):
             self._steps += lines
             yield from self._handed_out()
@@ -389,6 +390,12 @@ class Run:
         self._uncertain |= recover(self.machine, guess_, text)
         if guess_ is None and "f" in text.lower():
             self._reported.add(("GC040",))
+
+    def warn_rapid(self, number: int) -> None:
+        """Warns of a rapid below Z0 on a line whose text is not at hand."""
+        if not self.has_reported("GC216"):
+            error = GcodeError("GC216", "a rapid move down below Z0", "check that nothing is in the way", (0, 1))
+            self.report(error, self.setup.file, number, "", "warning")
 
     def has_reported(self, code: str) -> bool:
         """Whether a once-only diagnostic was given."""

@@ -13,11 +13,13 @@ from gcode.dialects import Dialect
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.reading import read_line
+from gcode.templates import HOLD_ROWS, Templates
 from gcode.textsource import Source
 
 if TYPE_CHECKING:
     from gcode.block import Line
     from gcode.columns import F8, I8
+    from gcode.flow import Flow
 
 FEW_LINES = 64
 """Programs shorter than this are not worth loading the column tools for."""
@@ -35,6 +37,11 @@ class Executor(Protocol):
 
     def execute_text(self, number: int, text: str) -> None:
         """Reads and executes one line, and reports what is wrong with it."""
+
+    flow: Flow
+
+    def warn_rapid(self, number: int) -> None:
+        """Warns of a rapid below Z0 on a line."""
 
     def has_reported(self, code: str) -> bool:
         """Whether a once-only diagnostic was given."""
@@ -61,6 +68,7 @@ class Stream:
         self.last_number = 0
         self._begun = False
         self._maybe_closed = False
+        self._templates = Templates(run.machine, run.flow.program)
 
     def steps(self) -> Iterator[int]:
         """Executes the program; yields after every line or run, so that what it gave can be taken.
@@ -74,6 +82,8 @@ class Stream:
                 yield from self._chunk(chunk)
             if self.run.machine.finished:
                 return
+        self._flush()
+        yield self.number
 
     def _chunk(self, chunk: bytes) -> Iterator[int]:
         import numpy as np
@@ -115,6 +125,7 @@ class Stream:
         from gcode.blockpath import execute_run
 
         machine = self.run.machine
+        self._flush()
         done = execute_run(
             machine,
             values,
@@ -124,6 +135,7 @@ class Stream:
             strict_rapids=not self.run.has_reported("GC216"),
         )
         if done:
+            self._templates.prepare()
             self.number += done
             self.last_number = self.number
             self._begun = True
@@ -143,10 +155,24 @@ class Stream:
                 continue
             self._begun = True
             self._maybe_closed = False
+            templates = self._templates
+            if templates.allowed and ("[" in text or "#" in text) and templates.run(self.number, text):
+                if len(templates.rows) >= HOLD_ROWS:
+                    self._flush()
+                    yield self.number
+                continue
+            self._flush()
             self.run.execute_text(self.number, text)
+            templates.prepare()
             yield self.number
             if self.run.machine.finished:
                 return
+
+    def _flush(self) -> None:
+        """Hands out rows that shapes gave."""
+        if self._templates.rows:
+            for line in self._templates.flush():
+                self.run.warn_rapid(line)
 
     def _percent_line(self) -> bool:
         """The first percent sign opens, the next one closes; elsewhere it is an error (lenient dialects: a remark)."""
