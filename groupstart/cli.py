@@ -19,6 +19,7 @@ VERBS: dict[str, str] = {
     "plan": "Plan a program's motion; print the report, write plan.npz.",
     "preview": "Draw the path of a program.",
     "verify": "Run a program on the simulated machine and judge it.",
+    "estimate": "Tell how long programs take, by operation and tool.",
     "run": "Run a program: on the simulated machine, or on a port.",
     "home": "Send axes to their machine zero.",
     "jog": "Move axes by a distance.",

@@ -46,19 +46,21 @@ def columns_of_plan(plan: Plan) -> PathColumns:
 def columns_in_windows(job: Job, machine: MachineFile) -> PathColumns:
     """Columns of a program that is planned window by window. Raises PlanError."""
     limits = planner_limits(machine.config)
+    return path_columns(window_parts(job, machine), limits, MOST_SAMPLES, seconds_at_least(job.commands))
+
+
+def window_parts(job: Job, machine: MachineFile) -> Iterator[tuple[float, PathTrajectory | FilteredTrajectory]]:
+    """The plan of a job window by window, each with the time at which it begins (before a jerk filter)."""
+    limits = planner_limits(machine.config)
     start = np.array([job.start[AXES.index(axis)] for axis in limits.axes])
     setting = setting_of(limits, start)
-
-    def parts() -> Iterator[tuple[float, PathTrajectory | FilteredTrajectory]]:
-        begin_s = 0.0
-        for timed in windows(job.commands, limits, start=start, moves=WINDOW_MOVES):
-            trajectory = trajectory_of(timed, setting)
-            path = trajectory.base if isinstance(trajectory, FilteredTrajectory) else trajectory
-            if path.duration_s > 0:
-                yield begin_s, path
-                begin_s += path.duration_s
-
-    return path_columns(parts(), limits, MOST_SAMPLES, seconds_at_least(job.commands))
+    begin_s = 0.0
+    for timed in windows(job.commands, limits, start=start, moves=WINDOW_MOVES):
+        trajectory = trajectory_of(timed, setting)
+        path = trajectory.base if isinstance(trajectory, FilteredTrajectory) else trajectory
+        if path.duration_s > 0:
+            yield begin_s, path
+            begin_s += path.duration_s
 
 
 def moves_of(commands: Sequence[Command | MoveBlock]) -> int:

@@ -15,6 +15,7 @@ from planner.types import F8
 
 CELLS = 360
 DEFAULT_DIAMETER_MM = 3.0
+FLAT_UM, WALL_UM = 0.05, 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,9 +46,10 @@ class HeightMap:
 
     @property
     def typical_um(self) -> float:
-        """Nine of ten cells in which the maps differ differ by at most this; at walls whole depths differ."""
+        """Nine of ten floors that differ do by at most this; walls, where whole depths differ, do not count."""
         off = np.abs(self.difference_um)
-        return float(np.quantile(off[off > 0.05], 0.9)) if np.any(off > 0.05) else 0.0
+        floors = off[(off > FLAT_UM) & (off < WALL_UM)]
+        return float(np.quantile(floors, 0.9)) if len(floors) else 0.0
 
 
 def height_maps(
