@@ -61,6 +61,7 @@ class TextHost:
     def wait(self, seconds: float) -> None:
         """Let time pass."""
         self.link.sleep_until(self.link.now_ns() + round(seconds * _NS_PER_S))
+        self.chip.settle()
 
     def rules(self) -> list[str]:
         """Rules broken so far."""
