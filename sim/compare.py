@@ -19,6 +19,7 @@ WINDOW_S = 0.12
 MOVING_UNITS_S = 0.5
 """Lag is counted only where the plan moves faster than this; at rest every instant is as near as any other."""
 FOLLOW_AHEAD_MM = 0.5
+LOST_MM = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +131,7 @@ def _program_error(position: F8, time_s: F8, reference: Reference, column: list[
     from sim.compare_kernel import distances, follow
 
     polyline = np.ascontiguousarray(reference.programmed[:, column])
-    segment = follow(np.ascontiguousarray(reference.q[:, column]), polyline, FOLLOW_AHEAD_MM)
+    segment = follow(np.ascontiguousarray(reference.q[:, column]), polyline, FOLLOW_AHEAD_MM, LOST_MM)
     lower = np.clip(np.searchsorted(reference.t_s, time_s - WINDOW_S) - 1, 0, len(segment) - 1)
     upper = np.clip(np.searchsorted(reference.t_s, time_s + WINDOW_S), 0, len(segment) - 1)
     index_s = np.arange(len(polyline), dtype=np.float64)

@@ -45,11 +45,12 @@ def distances(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def follow(points: F8, polyline: F8, ahead_mm: float) -> npt.NDArray[np.int64]:
+def follow(points: F8, polyline: F8, ahead_mm: float, lost_mm: float) -> npt.NDArray[np.int64]:
     """Segment of ``polyline`` (f8[M, A]) that each of ``points`` (f8[N, A], in order along it) belongs to.
 
     The pointer only moves forward: for each point it looks at most as far ahead as the point has moved since the last
-    one plus ``ahead_mm``, so a path that crosses itself is not mixed up.
+    one plus ``ahead_mm``, so a path that crosses itself is not mixed up. A point further than ``lost_mm`` from all of
+    that is looked for all the way ahead.
     """
     count, axes = points.shape
     segments = len(polyline) - 1
@@ -77,7 +78,7 @@ def follow(points: F8, polyline: F8, ahead_mm: float) -> npt.NDArray[np.int64]:
                 best, at = d2, i
             if i > pointer:
                 travelled += math.sqrt(length2)
-            if travelled > reach:
+            if travelled > reach and best < lost_mm * lost_mm:
                 break
         pointer = at
         index[k] = at

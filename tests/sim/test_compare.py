@@ -1,0 +1,102 @@
+"""The verdict's figures against cases that can be reckoned by hand."""
+
+import numpy as np
+import pytest
+
+from sim.compare import Reference, compare, compare_pins
+from sim.pulses import Pins, ServoTrack, StepRuns, pins, pulses
+
+
+def runs_of(*rows: tuple[int, int, float, int, int], motors: int = 2) -> StepRuns:
+    """Rows (axis, first_ns, period_ns, count, direction)."""
+    axis, first, period, count, direction = (np.array(column) for column in zip(*rows, strict=True))
+    return StepRuns(
+        axis.astype("u1"),
+        first.astype("i8"),
+        period.astype("f8"),
+        count.astype("i4"),
+        direction.astype("i1"),
+        np.zeros(motors, "i8"),
+    )
+
+
+def straight(seconds: float = 1.0, x_mm: float = 10.0, y_mm: float = 0.0) -> Reference:
+    t = np.linspace(0.0, seconds, 1001)
+    q = np.outer(t / seconds, (x_mm, y_mm))
+    return Reference(("X", "Y"), t, q, np.arange(1001, dtype="i4"))
+
+
+STEPS = np.array([100.0, 100.0])
+
+
+def judged(reference: Reference, runs: StepRuns, start_ns: int = 0):  # type: ignore[no-untyped-def]
+    return compare(reference, runs, ("X", "Y"), ("X", "Y"), STEPS, start_ns)
+
+
+def test_pulses_of_several_motors_come_in_order_of_time() -> None:
+    out = pulses(runs_of((0, 0, 100.0, 3, 1), (1, 50, 100.0, 2, -1)))
+    assert out.time_ns.tolist() == [0, 50, 100, 150, 200]
+    assert out.position_steps.tolist() == [[1, 0], [1, -1], [2, -1], [2, -2], [3, -2]]
+
+
+def test_perfect_stepping_along_an_axis_has_no_contour_error() -> None:
+    verdict = judged(straight(), runs_of((0, 500_000, 1e6, 1000, 1)))
+    assert verdict.contour_steps.max == pytest.approx(0.0, abs=1e-9)
+    assert verdict.end_error_steps == {"X": 0, "Y": 0}
+    assert verdict.sim_time_s == pytest.approx(1.0, abs=2e-3)
+
+
+def test_late_pins_are_lag_and_not_shape() -> None:
+    verdict = judged(straight(), runs_of((0, 30_500_000, 1e6, 1000, 1)))
+    assert verdict.contour_steps.max == pytest.approx(0.0, abs=1e-9)
+    assert verdict.lag_ms_max == pytest.approx(30.5, abs=6.0)
+    assert verdict.sim_time_s == pytest.approx(1.03, abs=2e-3)
+
+
+def test_pins_beside_the_path_are_shape_in_um_and_steps_and_named_by_line() -> None:
+    verdict = judged(straight(), runs_of((0, 500_000, 1e6, 1000, 1), (1, 400_200_000, 1e6, 3, 1)))
+    assert verdict.contour_steps.max == pytest.approx(3.0)
+    assert verdict.contour_um.max == pytest.approx(30.0)
+    assert verdict.end_error_steps == {"X": 0, "Y": 3}
+    assert 400 <= verdict.worst_line <= 1000
+
+
+def test_a_path_that_comes_back_is_compared_with_its_own_stretch() -> None:
+    t = np.linspace(0.0, 2.0, 2001)
+    q = np.stack((10.0 - np.abs(10.0 * t - 10.0), np.where(t > 1.0, 0.5 * (t - 1.0), 0.0)), axis=1)
+    reference = Reference(("X", "Y"), t, q, np.zeros(2001, "i4"))
+    out = runs_of((0, 500_000, 1e6, 1000, 1), (0, 1_000_500_000, 1e6, 1000, -1))
+    assert judged(reference, out).contour_steps.max == pytest.approx(50.0, rel=0.02)  # Y never moved
+
+
+def test_program_error_is_taken_from_the_programmed_polyline() -> None:
+    reference = straight()
+    reference = Reference(
+        reference.axes, reference.t_s, reference.q, reference.line, np.array([[0.0, 0.2], [10.0, 0.2]])
+    )
+    verdict = judged(reference, runs_of((0, 500_000, 1e6, 1000, 1)))
+    assert verdict.program_um == pytest.approx(200.0)
+
+
+def test_a_plan_that_skips_a_stretch_of_the_program_is_found_again() -> None:
+    reference = straight()
+    detour = np.array([[0.0, 0.0], [0.0, 40.0], [-30.0, 40.0], [0.0, 0.0], [10.0, 0.0]])
+    reference = Reference(reference.axes, reference.t_s, reference.q, reference.line, detour)
+    verdict = judged(reference, runs_of((0, 500_000, 1e6, 1000, 1)))
+    assert verdict.program_um == pytest.approx(0.0, abs=0.1)
+
+
+def test_no_pulse_at_all_is_told_by_the_end_error() -> None:
+    nothing = StepRuns(*(np.zeros(0, d) for d in ("u1", "i8", "f8", "i4", "i1")), np.zeros(2, "i8"))
+    assert judged(straight(), nothing).end_error_steps == {"X": -1000, "Y": 0}
+
+
+def test_servo_samples_are_straight_between_ticks_and_judged_from_the_plans_start() -> None:
+    nothing = StepRuns(*(np.zeros(0, d) for d in ("u1", "i8", "f8", "i4", "i1")), np.zeros(2, "i8"))
+    ticks = np.arange(-10, 2400) * 512_000
+    track = ServoTrack(0, ticks, np.where(ticks < 0, 77.0, np.clip(ticks * 1e-9, 0.0, 1.0) * 1000.0))
+    out = pins(nothing, [track])
+    assert isinstance(out, Pins)
+    verdict = compare_pins(straight(), out, ("X", "Y"), ("X", "Y"), STEPS, 0)
+    assert verdict.contour_steps.max == pytest.approx(0.0, abs=1e-9)
+    assert verdict.end_error_steps == {"X": 0, "Y": 0}
