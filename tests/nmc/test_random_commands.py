@@ -112,6 +112,16 @@ class Commands(RuleBasedStateMachine):
         self.noise.outward, self.noise.inward = outward, inward
         self.send(address, command, data)
 
+    @rule(address=st.sampled_from((1, 3)), outputs=st.integers(0, 31), outward=st.sampled_from(DAMAGES))
+    def what_is_acknowledged_is_done(self, address: int, outputs: int, outward: str) -> None:
+        module = self.simulation.modules["abcd"[address - 1]]
+        for command, data in ((8, bytes([outputs])), (2, b"\x28"), (7, b"\x05")):
+            self.noise.outward = outward
+            done = self.send(address, command, data) is not None
+            self.bus.link.sleep_until(self.bus.link.now_ns() + 1_000_000)
+            if done:
+                assert {8: module.outputs == outputs, 2: module.mask == 0x28, 7: not module.moving}[command]
+
     @rule(address=st.sampled_from((1, 3)), goal=st.integers(-3000, 3000), count=st.integers(50000, 64000))
     def run_a_stepper(self, address: int, goal: int, count: int) -> None:
         self.send(address, 6, bytes([0, 1, 9, 5, 0]))
@@ -184,7 +194,7 @@ class Commands(RuleBasedStateMachine):
 
 TestCommands = Commands.TestCase
 TestCommands.settings = settings(
-    max_examples=40, stateful_step_count=25, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True
+    max_examples=120, stateful_step_count=25, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True
 )
 
 
