@@ -131,7 +131,7 @@ def _disturbed(commands: list[Command], whole: Trajectory, operations: int) -> s
         if len(moments):
             worst[0] = max(worst[0], float((np.abs(t.v(moments)).max(axis=0) / LIMITS.velocity).max()))
             worst[1] = max(worst[1], float((np.abs(t.a(moments)).max(axis=0) / LIMITS.acceleration).max()))
-            off, match = follow(t.q(moments), line, segment, 0.3)
+            off, match = follow(t.q(moments), line, segment, 0.3, 1e-4)
             worst[2], segment = max(worst[2], float(off.max())), int(match[-1])
         checked_to = now
         t.forget(now)

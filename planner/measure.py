@@ -12,14 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner import arcs as arc
-from planner.moves import Moves
+from planner.moves import MODE_CONTINUOUS, Moves
 from planner.types import F8, Index, Trajectory
 
 CHUNK = 200_000
 REACH_MM = 0.05
 """how far ahead of its last segment a sample is looked for, at least; also twice what it can travel in a step."""
-NEAR_MM = 0.05
-"""a vertex counts as passed only within this."""
+NEAR, NEAR_MM = 1.05, 5e-4
+"""a vertex counts as passed within this much more than its tolerance; a trajectory that misses more misses all that
+follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +62,8 @@ def programmed(moves: Moves, axes: tuple[str, ...], chord_mm: float = 1e-5) -> t
 
 def grid(duration_s: float, step_s: float) -> Iterator[F8]:
     """Sample times 0, step, ... up to the end in chunks that overlap by one."""
-    n = int(np.ceil(duration_s / step_s))
-    for at in range(0, max(n, 1), CHUNK):
+    n = max(int(np.ceil(duration_s / step_s)), 1)
+    for at in range(0, n, CHUNK):
         yield np.minimum(np.arange(at, min(at + CHUNK, n) + 1) * step_s, duration_s)
 
 
@@ -73,14 +74,19 @@ def measure(trajectory: Trajectory, moves: Moves, velocity: F8, acceleration: F8
     polyline, vertex = programmed(moves, trajectory.axes)
     target = polyline[vertex]
     miss = np.full(len(target), np.inf)
+    if len(polyline) < 2:
+        polyline = np.concatenate([polyline, polyline + 1e-12])
+    near = np.concatenate([[0.0], np.where(moves.mode < MODE_CONTINUOUS, 0.0, moves.tolerance_mm)]) * NEAR + NEAR_MM
+    near[[0, -1]] = NEAR_MM
+    lost = 0.9 * float(moves.tolerance_mm.min())
     worst, segment, at = 0.0, 0, 0
     reach = max(REACH_MM, 2 * float(np.linalg.norm(velocity)) * step_s)
     v_most, a_most, j_most = np.zeros(len(velocity)), np.zeros(len(velocity)), np.zeros(len(velocity))
     for t in grid(trajectory.duration_s, step_s):
         q = trajectory.q(t)
-        distance, match = follow(q, polyline, segment, reach)
+        distance, match = follow(q, polyline, segment, reach, lost)
         worst, segment = max(worst, float(distance.max())), int(match[-1])
-        at = passes(q, target, at, NEAR_MM, miss)
+        at = passes(q, target, at, near, bool(t[-1] >= trajectory.duration_s), miss)
         v_most = np.maximum(v_most, np.abs(trajectory.v(t)).max(axis=0))
         a = trajectory.a(t)
         a_most = np.maximum(a_most, np.abs(a).max(axis=0))

@@ -116,7 +116,7 @@ def _filter_cut(trajectory: FilteredTrajectory) -> float:
     if len(line) < 2:
         return 0.0
     reach = float(np.linalg.norm(np.diff(trajectory.base.q(t), axis=0), axis=1).max()) * 2 + 0.05
-    return float(follow(trajectory.q(t), line, 0, reach)[0].max())
+    return float(follow(trajectory.q(t), line, 0, reach, reach / 4)[0].max())
 
 
 def _causes(base: PathTrajectory, timed: Timed, c: Constraints, moving: np.ndarray) -> dict[str, float]:

@@ -81,7 +81,7 @@ def test_random_holds_resumes_and_overrides(programs, plans, job):
         now += rng.uniform(0.01, 0.6)
         moments = np.arange(checked_to, now, 1e-3)
         checked_to = now
-        off, match = follow(t.q(moments), line, segment, 0.5)
+        off, match = follow(t.q(moments), line, segment, 0.5, 1e-3)
         assert off.max() < 1e-3
         segment = int(match[-1])
         assert (np.abs(t.v(moments)).max(axis=0) <= LIMITS.velocity * 1.0001).all()

@@ -60,7 +60,7 @@ def off_path(points, reference):
     """Largest distance of points to the fine samples' polyline of a reference, followed in order."""
     from planner.follow import follow
 
-    return follow(points, reference, 0, 0.3)[0].max()
+    return follow(points, reference, 0, 0.3, 1e-4)[0].max()
 
 
 @pytest.fixture(scope="module")

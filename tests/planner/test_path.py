@@ -78,9 +78,9 @@ def test_splines_are_followed_within_a_micron_of_the_curve(order):
     spline = canon.Nurbs(3, at(50, 0), SPLINE, order, 40.0)
     p = plan([spline], LIMITS, start=ORIGIN, solver="kernel")
     assert p.report.stops == 2
-    curve = evaluate(np.array(SPLINE), order, np.linspace(0, len(SPLINE) - order + 1, 200_001))
+    curve = evaluate(np.array(SPLINE), order, np.linspace(0, len(SPLINE) - order + 1, 20_001))
     q = p.trajectory.q(np.linspace(0, p.trajectory.duration_s, 20_001))
-    distance, _ = follow(q[:, :2].copy(), curve, 0, 1.0)
+    distance, _ = follow(q[:, :2].copy(), curve, 0, 0.2, 1.0)
     assert distance.max() < 1e-3
     assert q[-1] == pytest.approx([50, 0, 0])
     assert set(p.trajectory.line(np.array([0.1, 0.5]))) == {3}
