@@ -9,6 +9,7 @@ from machines.wiring import bus_specs
 from nmc.serial_link import DescriptorLink
 from sim.build import Simulation, build
 from sim.virtualport import VirtualPort
+from sim.virtualports import serve_all
 
 _NO_DESCRIPTOR = -1
 
@@ -21,18 +22,22 @@ def serve_on_pty(
     seed: int | None = None,
     unpaced: bool = False,
 ) -> Simulation:
-    """Serve the machine's bus until ``stopped()``; ``announce`` is told the device path once clients may open it.
+    """Serve the machine's buses until ``stopped()``; ``announce`` is told each device path once clients may open it.
 
+    Several buses are announced in the order of ``bus_specs``: those of NMC modules first, then the lines of CY545s.
     Motion follows the wall clock; with ``unpaced`` only answers come at once. Returns the simulation as it was left.
-    Raises ValueError for a machine with several buses, OSError where there are no pseudo-terminals.
+    Raises OSError where there are no pseudo-terminals.
     """
-    if len(config.bus) != 1:
-        raise ValueError(f"a virtual port is one bus, the machine has {len(config.bus)}")
     simulation = build(bus_specs(config), config.sim.seed if seed is None else seed)
-    port = VirtualPort(simulation, DescriptorLink(_NO_DESCRIPTOR, "clock"), unpaced=unpaced)
+    clock = DescriptorLink(_NO_DESCRIPTOR, "clock")
+    ports: list[VirtualPort] = []
     try:
-        announce(port.device)
-        port.serve(stopped)
+        for bus in range(len(simulation.buses)):
+            ports.append(VirtualPort(simulation, clock, bus, unpaced))
+        for port in ports:
+            announce(port.device)
+        serve_all(ports, stopped)
     finally:
-        port.close()
+        for port in ports:
+            port.close()
     return simulation

@@ -239,7 +239,8 @@ class Cy545:
         if self.moving:
             if self.use_cts:
                 self._await_cts()
-            self.link.sleep_until(self.ready_ns if not self.use_cts else 0)
+            else:
+                self.link.sleep_until(self.ready_ns)
             self.confirm()
         return self.position
 
@@ -251,6 +252,8 @@ class Cy545:
         self._confirm()
 
     def _await_cts(self) -> None:
+        """CTS goes off a little after the command has been heard, and on again when the chip is ready."""
+        self._rest()
         while not self.lines.clear_to_send():
             if self.link.now_ns() > self.ready_ns:
                 raise LinkTimeout(f"{self.name} is still not clear to send although its motion must be over")

@@ -6,8 +6,11 @@ input reads as asserted.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Literal
 
+from nmc.errors import NmcError
 from nmc.serial_link import SerialLink
 
 OutputLine = Literal["none", "rts", "dtr"]
@@ -22,17 +25,36 @@ class Cy545SerialLink(SerialLink):
     ) -> None:
         super().__init__(port, baud)
         self._abort_line, self._home_line, self._cts = abort_line, home_line, cts
-        self.pull_abort(False)
+        try:
+            self.pull_abort(False)
+        except NmcError:
+            self.close()
+            raise
 
     def pull_abort(self, low: bool) -> None:
         """Assert the line that is wired to INHIBIT_ABORT; nothing if none is."""
         if self._abort_line != "none":
-            setattr(self._port, self._abort_line, low)
+            with self._told(self._abort_line):
+                setattr(self._port, self._abort_line, low)
 
     def switch_closed(self) -> bool:
         """Whether the line with the home switch is asserted; False if none is named."""
-        return self._home_line != "none" and bool(getattr(self._port, self._home_line))
+        if self._home_line == "none":
+            return False
+        with self._told(self._home_line):
+            return bool(getattr(self._port, self._home_line))
 
     def clear_to_send(self) -> bool:
         """CTS; True where it is not wired."""
-        return not self._cts or bool(self._port.cts)
+        if not self._cts:
+            return True
+        with self._told("cts"):
+            return bool(self._port.cts)
+
+    @contextlib.contextmanager
+    def _told(self, line: str) -> Iterator[None]:
+        """A port without modem lines, such as a terminal of this computer, says so."""
+        try:
+            yield
+        except OSError as error:
+            raise NmcError(f"{self.name} has no line {line}: {error.strerror or error}") from None

@@ -74,6 +74,15 @@ class VirtualPort:
             ready, _, _ = select.select([self._master], [], [], self._patience_s())
             self.turn(bool(ready))
 
+    @property
+    def master(self) -> int:
+        """Descriptor of our end of the terminal, to wait on."""
+        return self._master
+
+    def patience_s(self) -> float:
+        """How long to wait for the client before something of our own is due."""
+        return self._patience_s()
+
     def turn(self, readable: bool) -> None:
         """One turn of the loop: let time pass, hear the client, answer."""
         world = self.simulation.world

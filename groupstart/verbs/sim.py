@@ -17,7 +17,8 @@ from groupstart.options import machine_option
 def command(machine: str, pty: bool, unpaced: bool, seed: int | None) -> None:
     """Serve a simulated machine until Ctrl-C or SIGTERM.
 
-    The first line on stdout is the path of the device that clients open. The rate that a client sets is the rate of
+    The first line on stdout is the path of the device that clients open; a machine with further buses, such as the
+    line of a CY545, prints theirs on the lines after it. The rate that a client sets is the rate of
     its bytes on the wire. What went against the data sheets is told on stderr at the end.
     """
     from groupstart.stopflag import StopFlag
