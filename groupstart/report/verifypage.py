@@ -71,7 +71,7 @@ def _blocks(source: ReportInput, page: PageInput, columns: PathColumns, measured
         lost = shifts(measured, result.plan.trajectory, steps_of(config))
         s = columns.stretches
         maps = height_maps(measured, s.q, _on_feeds(columns), source.diameter_mm, page.zero[2])
-        extra |= _histograms(measured)
+        extra |= histograms(measured)
     extra["shifts"] = [asdict(shift) for shift in lost]
     extra |= {"worst": [asdict(place) for place in worst], "zmap": _map_fields(maps), "bus": _bus_fields(source)}
     servos = [] if result.trace is None else servo_views(config, result.trace)
@@ -81,8 +81,8 @@ def _blocks(source: ReportInput, page: PageInput, columns: PathColumns, measured
     extra["rates"] = [view.name for view in rates]
     yield from path_blocks(page, extra, over)
     if measured is not None and len(measured.t_s):
-        yield _sim_block(measured).html()
-        yield _error_block(measured, columns.duration_s).html()
+        yield sim_block(measured).html()
+        yield error_block(measured, columns.duration_s).html()
     for k, rate in enumerate(rates):
         block = Block(f"rate-{k}")
         block.add("planned_s", rate.planned_s, 1e-6)
@@ -129,7 +129,7 @@ def _summary(source: ReportInput) -> dict[str, Any]:
     }
 
 
-def _histograms(m: Measured) -> dict[str, Any]:
+def histograms(m: Measured) -> dict[str, Any]:
     """Counts of pulses by error (shape) and by lag (along the path), kept apart."""
     error, error_edges = np.histogram(m.error_um, bins=BARS, range=(0.0, max(float(m.error_um.max()), 1e-3)))
     span = max(float(np.abs(m.lag_ms).max()), 1e-3)
@@ -149,7 +149,8 @@ def _on_feeds(columns: PathColumns) -> F8:
     return np.asarray(s.q[np.union1d(feed, feed + 1)])
 
 
-def _sim_block(measured: Measured) -> Block:
+def sim_block(measured: Measured) -> Block:
+    """The second motion as a line: the planned place of each point, and how far from it the point lies."""
     m = simulated_path(measured, MOST_SIMULATED)
     block = Block("sim")
     block.add("t", m.t_s, 1e-6)
@@ -158,7 +159,8 @@ def _sim_block(measured: Measured) -> Block:
     return block
 
 
-def _error_block(m: Measured, end_s: float) -> Block:
+def error_block(m: Measured, end_s: float) -> Block:
+    """Errors over time, the largest of each stretch."""
     block = Block("errors")
     t, error = envelope(m.nearest_s, m.error_um, end_s, BINS)
     block.add("t", t, 1e-6)

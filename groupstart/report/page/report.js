@@ -3,24 +3,25 @@ function reportSide(app, side) {
   const page = app.page;
   if (!page.report) return;
   const badge = $("verdict-badge");
-  badge.textContent = page.ok ? "GO" : "NO-GO";
+  const names = page.overlay ? ["SAME", "DIFFERENT"] : ["GO", "NO-GO"];
+  badge.textContent = names[page.ok ? 0 : 1];
   badge.className = page.ok ? "go" : "nogo";
   app.state.verdict = badge.textContent;
-  const words = page.ok ? "GO: the motion is the plan" : "NO-GO";
+  const words = page.overlay ? (page.ok ? "the same motion" : "the motion differs") : page.ok ? "GO: the motion is the plan" : "NO-GO";
   side.append(make("div", { id: "verdict" }, make("div", { class: "verdict " + (page.ok ? "go" : "nogo") }, words),
     page.reasons.length ? make("ul", {}, ...page.reasons.map((r) => make("li", {}, r))) : null));
   shifts(app, side);
   worstList(app, side);
   if (page.error_histogram) {
     const box = make("div");
-    box.append(make("h2", {}, "contour error, um (shape)"), bars(page.error_histogram, "heat", "pulses"));
+    box.append(make("h2", {}, page.overlay ? "distance of the paths, um" : "contour error, um (shape)"), bars(page.error_histogram, "heat", "pulses"));
     box.append(make("h2", { style: "margin-top:10px" }, "lag, ms (along the path, no error of shape)"), bars(page.lag_histogram, "viridis", "pulses"));
     side.append(box);
   }
   side.append(make("div", {}, make("h2", {}, "verdict"), make("table", {}, ...page.verdict_rows.map(([k, v]) => make("tr", {}, make("td", {}, k), make("td", { class: "num" }, v))))));
   if (page.violations.length) side.append(make("div", {}, make("h2", {}, "violations of the data sheets"), make("table", {}, ...page.violations.map((v) =>
     make("tr", { class: "jump", onclick: () => app.setTime(v.time_s) }, make("td", { class: "num" }, clockText(v.time_s)), make("td", {}, v.module), make("td", {}, v.rule + ": " + v.words))))));
-  side.append(make("div", {}, make("h2", {}, "digests"), ...page.digests.map(([k, v]) => make("div", { class: "digest num" }, `${k}  ${v}`)), make("div", { class: "hint" }, `seed ${page.seed}: same program, machine and seed, same digests`)));
+  if (page.digests.length) side.append(make("div", {}, make("h2", {}, "digests"), ...page.digests.map(([k, v]) => make("div", { class: "digest num" }, `${k}  ${v}`)), make("div", { class: "hint" }, `seed ${page.seed}: same program, machine and seed, same digests`)));
 }
 
 // Where a motor lost its place: from there on everything is off by so many steps.
