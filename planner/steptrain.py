@@ -36,12 +36,17 @@ _TAIL = 2 * round(APEX_GAP_S / SAMPLE_S)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leg:
-    """One monotone run: direction +1/-1, counter before and after, planned step instants i8[n] in ns of the plan."""
+    """One monotone run: direction +1/-1, counter before and after, planned step instants i8[n] in ns of the plan.
+
+    instants_ns, gaps_ns: the same and its differences as lists, for look-ups one by one while streaming.
+    """
 
     direction: int
     start_steps: int
     stop_steps: int
     times_ns: I8
+    instants_ns: list[int]
+    gaps_ns: list[int]
 
     def __len__(self) -> int:
         return len(self.times_ns)
@@ -122,7 +127,8 @@ class StepTrain:
 
 def _leg(times_s: F8, direction: int, start_steps: int) -> Leg:
     times_ns = np.rint(times_s * NS_PER_S).astype(np.int64)
-    return Leg(direction, start_steps, start_steps + direction * len(times_ns), times_ns)
+    stop_steps = start_steps + direction * len(times_ns)
+    return Leg(direction, start_steps, stop_steps, times_ns, times_ns.tolist(), np.diff(times_ns).tolist())
 
 
 def _without_apexes(times: F8, directions: I8, t: F8, p: F8) -> I8:

@@ -25,7 +25,7 @@ WORTH_UM = 0.5
 """A load is sent only if it mends at least this much."""
 HORIZON = 0.8
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
-LOOK_NS = 300_000
+LOOK_NS = 400_000
 """Step of the search for the next moment at which something is worth sending."""
 LOOK_AHEAD_NS = 20_000_000
 

@@ -7,9 +7,8 @@ planned instant. What rounding to timer ticks leaves over stays in the twin and 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
-
-import numpy as np
 
 from nmc.budget import BusTiming
 from nmc.twin import StepTimerTwin
@@ -88,7 +87,7 @@ class StepAxis:
     def first_step_ns(self) -> int | None:
         """Planned instant of the next leg's first step."""
         leg = self.next_leg()
-        return None if leg is None else int(leg.times_ns[0]) + self.start_ns
+        return None if leg is None else leg.instants_ns[0] + self.start_ns
 
     def needs_stop_motor(self) -> bool:
         """A reversal asks for Stop Motor first (PIC-STEP data sheet, section 4.1, note)."""
@@ -106,22 +105,22 @@ class StepAxis:
         """Stop position and first count of the next leg, started from rest about ``execute_ns``."""
         leg = self.next_leg()
         assert leg is not None
-        times = leg.times_ns
-        last = min(max(int(np.searchsorted(times, target_ns - self.start_ns)), 0), len(times) - 1)
-        period_ns = (int(times[last]) + self.start_ns - execute_ns) // (last + 1)
-        period_ns = max(period_ns, self._fastest_ns(leg, 0, last))
+        times = leg.instants_ns
+        last = min(bisect_left(times, target_ns - self.start_ns), len(times) - 1)
+        period_ns = (times[last] + self.start_ns - execute_ns) // (last + 1)
+        gaps = leg.gaps_ns[: last + 1]
+        period_ns = max(period_ns, int(min(gaps) / CATCH_UP) if gaps else self.period_min_ns)
         return self._encode(period_ns, leg, leg.direction, start_now)
 
     def lone_start_ns(self, ahead_ns: int) -> int:
         """Instant at which the next leg must start: its first step and the one ``ahead_ns`` later are on time."""
         leg = self.next_leg()
         assert leg is not None
-        times = leg.times_ns
-        last = int(np.searchsorted(times, int(times[0]) + ahead_ns))
-        last = min(max(last, 1), len(times) - 1)
-        period_ns = int(times[last] - times[0]) // last if last else self.period_max_ns // 2
+        times = leg.instants_ns
+        last = min(max(bisect_left(times, times[0] + ahead_ns), 1), len(times) - 1)
+        period_ns = (times[last] - times[0]) // last if last else self.period_max_ns // 2
         period_ns = min(max(period_ns, self.period_min_ns), self.period_max_ns)
-        return int(times[0]) + self.start_ns - period_ns
+        return times[0] + self.start_ns - period_ns
 
     def leg_direction(self) -> int:
         """Direction of the running leg."""
@@ -131,7 +130,7 @@ class StepAxis:
     def arrives_early_ns(self) -> int:
         """How long before its planned instant the last step would come if the present count stayed."""
         assert self.leg is not None
-        return int(self.leg.times_ns[-1]) + self.start_ns - self.twin.nominal.arrival_ns()
+        return self.leg.instants_ns[-1] + self.start_ns - self.twin.nominal.arrival_ns()
 
     def aim_error_steps(self, execute_ns: int, target_ns: int) -> float:
         """How many steps off the plan the axis would be at ``target_ns`` without a new count at ``execute_ns``."""
@@ -175,23 +174,14 @@ class StepAxis:
         next_ns, left = self.twin.nominal.ahead(execute_ns)
         if left <= 1:
             return self.twin.nominal.period_ns
-        due = len(leg) - left
-        aim = min(int(np.searchsorted(leg.times_ns, target_ns - self.start_ns)), len(leg) - 1)
+        due = len(leg.instants_ns) - left
+        aim = min(bisect_left(leg.instants_ns, target_ns - self.start_ns), len(leg.instants_ns) - 1)
         aim = max(aim, due + 1)
-        period_ns = (int(leg.times_ns[aim]) + self.start_ns - next_ns) // (aim - due)
-        even_ns = (int(leg.times_ns[-1]) + self.start_ns - next_ns) // (left - 1)
-        period_ns = min(period_ns, max(even_ns, self._slowest_ns(leg, due, aim)))
-        return max(period_ns, self._fastest_ns(leg, due, aim))
-
-    def _fastest_ns(self, leg: Leg, due: int, aim: int) -> int:
-        """Shortest period to catch up with between two steps of the plan."""
-        gaps = np.diff(leg.times_ns[max(due - 1, 0) : aim + 2])
-        return int(gaps.min() / CATCH_UP) if len(gaps) else self.period_min_ns
-
-    def _slowest_ns(self, leg: Leg, due: int, aim: int) -> int:
-        """Longest period to wait with between two steps of the plan."""
-        gaps = np.diff(leg.times_ns[max(due - 1, 0) : aim + 2])
-        return int(gaps.max() * CATCH_UP) if len(gaps) else self.period_max_ns
+        period_ns = (leg.instants_ns[aim] + self.start_ns - next_ns) // (aim - due)
+        even_ns = (leg.instants_ns[-1] + self.start_ns - next_ns) // (left - 1)
+        gaps = leg.gaps_ns[max(due - 1, 0) : aim + 1]
+        period_ns = min(period_ns, max(even_ns, int(max(gaps) * CATCH_UP)))
+        return max(period_ns, int(min(gaps) / CATCH_UP))
 
     def _encode(self, period_ns: int, leg: Leg | None, direction: int, start_now: bool) -> tuple[bytes, Load]:
         mode = self.motor.speed_mode
