@@ -142,3 +142,13 @@ def legs(arcs: Arcs, steps: Index, lead_in: F8, lead_out: F8) -> F8:
     r = np.maximum(arcs.r0, arcs.r1)
     pitch = np.linalg.norm(arcs.other, axis=1) / np.abs(arcs.sweep)
     return np.asarray(np.hypot(r * np.tan(half), pitch * half))
+
+
+def points(arcs: Arcs, share: F8) -> F8:
+    """Points f8[S, A] of the first arc at shares f8[S] of its sweep."""
+    out = np.asarray(arcs.start[0] + arcs.other[0] * share[:, None])
+    angle = arcs.angle0[0] + arcs.sweep[0] * share
+    radius = arcs.r0[0] + (arcs.r1[0] - arcs.r0[0]) * share
+    out[:, arcs.columns[0, 0]] = arcs.center[0, 0] + radius * np.cos(angle)
+    out[:, arcs.columns[0, 1]] = arcs.center[0, 1] + radius * np.sin(angle)
+    return out

@@ -22,6 +22,7 @@ from planner.jerk import FilteredTrajectory
 from planner.kinematics import Kinematics
 from planner.paths import cut, divide, join_intervals, resting
 from planner.plan import BATCH_MOVES, Setting, setting_of
+from planner.rotary_table import RotaryTable
 from planner.stages import Chunk, chunks
 from planner.timeline import Timeline
 from planner.timing import NodeMark, Pieces, Rate, Timed, corner_caps, schedule, speed_cap
@@ -331,7 +332,7 @@ def live(
     *,
     start: F8,
     moves: int = BATCH_MOVES,
-    kinematics: Kinematics | None = None,
+    kinematics: Kinematics | RotaryTable | None = None,
     filter_s: float | None = None,
 ) -> LiveTrajectory:
     """A trajectory of ``commands`` that is planned while it runs; arguments as in ``planner.plan.plan``."""

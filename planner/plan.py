@@ -22,6 +22,7 @@ from planner.kinematics import Kinematics
 from planner.planfile import save_plan
 from planner.polygon import PathRules
 from planner.report import PlanReport
+from planner.rotary_table import RotaryTable
 from planner.survey import survey
 from planner.timing import Solver, Timed, schedule, solve
 from planner.trajectory import PathTrajectory, path_trajectory
@@ -57,17 +58,20 @@ class Setting:
 
 
 def setting_of(
-    limits: Limits, start: F8, kinematics: Kinematics | None = None, filter_s: float | None = None
+    limits: Limits, start: F8, kinematics: Kinematics | RotaryTable | None = None, filter_s: float | None = None
 ) -> Setting:
     """Check and gather. filter_s: width of the jerk filter, None: from the jerk limits. Raises PlanError."""
     start = np.asarray(start, dtype=np.float64)
     if len(start) != len(limits.axes):
         raise PlanError(0, "", f"start has {len(start)} numbers for {len(limits.axes)} axes")
-    constraints = constraints_of(limits, kinematics)
+    table = kinematics if isinstance(kinematics, RotaryTable) else None
+    constraints = constraints_of(limits, kinematics if isinstance(kinematics, Kinematics) else None)
     tau = filter_width_s(limits) if filter_s is None else filter_s
     matrix = constraints.matrix(len(limits.axes))
     jump = None if tau > 0 else limits.velocity_jump
-    rules = PathRules(limits.axes, matrix, constraints.acceleration, limits.tolerance_mm, tau, velocity_jump=jump)
+    rules = PathRules(
+        limits.axes, matrix, constraints.acceleration, limits.tolerance_mm, tau, velocity_jump=jump, table=table
+    )
     return Setting(limits, constraints, rules, start)
 
 
@@ -77,7 +81,7 @@ def plan(
     *,
     start: F8,
     solver: Solver = "auto",
-    kinematics: Kinematics | None = None,
+    kinematics: Kinematics | RotaryTable | None = None,
     filter_s: float | None = None,
     work_offset: F8 | None = None,
     travel: Mapping[str, tuple[float, float]] | None = None,
@@ -85,10 +89,11 @@ def plan(
 ) -> Plan:
     """Plan a whole program.
 
-    start: f8[A], machine position at its beginning. solver: "toppra" (reference), "kernel" (compiled), "auto" by size.
-    kinematics: joints with limits of their own. filter_s: width of the jerk filter, None: from ``limits.jerk``. For the
-    report: work_offset f8[A], machine position of the work zero; travel, allowed reach by axis; measured, sample the
-    trajectory against the program. Raises PlanError with the program's line.
+    start: f8[A], machine position at its beginning. solver: "toppra" (reference), "kernel" (compiled), "auto" by
+    size. kinematics: joints with limits of their own, or a rotary table (limits and trajectory are then those of the
+    machine's axes, the program that of the work). filter_s: width of the jerk filter, None: from ``limits.jerk``. For
+    the report: work_offset f8[A], machine position of the work zero; travel, allowed reach by axis; measured, sample
+    the trajectory against the program. Raises PlanError with the program's line.
     """
     from planner.paths import join_intervals
     from planner.stages import chunks
@@ -138,7 +143,7 @@ def windows(
     *,
     start: F8,
     moves: int = BATCH_MOVES,
-    kinematics: Kinematics | None = None,
+    kinematics: Kinematics | RotaryTable | None = None,
     filter_s: float | None = None,
 ) -> Iterator[Timed]:
     """Plan a stream: timed windows one after the other, each final when it is handed out; memory is bounded.

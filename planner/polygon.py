@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from planner import arcs as arc
 from planner.moves import MODE_CONTINUOUS, MODE_CURVE, MODE_EXACT_STOP, Moves
+from planner.rotary_table import RotaryTable
 from planner.types import F8, I4, Index
 
 SMOOTH = 1e-8
@@ -42,7 +43,7 @@ class PathRules:
 
     axes: planned axes. rows: f8[R, A] and row_acceleration: f8[R], acceleration limits |rows a| <= row_acceleration.
     tolerance_mm: machine default. tau_s: width of the jerk filter, 0: none. merge_share: of the tolerance, for G64 Q.
-    velocity_jump: f8[A] or None, allowed at corners.
+    velocity_jump: f8[A] or None, allowed at corners. table: where the program is written on a rotary table.
     """
 
     axes: tuple[str, ...]
@@ -52,6 +53,7 @@ class PathRules:
     tau_s: float = 0.0
     merge_share: float = 0.3
     velocity_jump: F8 | None = None
+    table: RotaryTable | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,6 +26,7 @@ from planner.moves import Mark, Moves, join, no_moves
 from planner.paths import cut, join_intervals, resting
 from planner.polygon import PathRules, polygon_of
 from planner.reader import MoveReader
+from planner.rotary_table import to_joints
 from planner.timing import NodeMark, Timed, corner_caps, speed_cap
 from planner.types import F8, Intervals
 
@@ -136,10 +137,14 @@ def chunks(
     commands: Iterable[Command | MoveBlock], start: F8, rules: PathRules, moves: int
 ) -> Iterator[tuple[Chunk, bool]]:
     """The path in chunks of about ``moves`` moves, the last one marked. Raises PlanError."""
-    reader = MoveReader(rules.axes, start, rules.tolerance_mm)
+    table = rules.table
+    program_start = table.axes_of(start[None, :], rules.axes)[0] if table is not None else start
+    reader = MoveReader(rules.axes, program_start, rules.tolerance_mm)
     folder, path = Folder(start, rules.merge_share), PathStage(start, rules)
     ready: Chunk | None = None
     batches = reader.batches(commands, moves)
+    if table is not None:
+        batches = (to_joints(table, *b, rules.axes) for b in batches)
     batch = next(batches)
     while True:
         following = next(batches, None)
