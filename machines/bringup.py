@@ -6,16 +6,19 @@ parked, its amplifier on and its counter at zero.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from machines.cy545_lines import open_ports, simulated_indexers
-from machines.schema import MachineConfig, ServoMotorTable, StepMotorTable
+from machines.schema import BusTable, MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
 from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
 from nmc.bus import Bus
 from nmc.chips import picio, picstep
 from nmc.cy545 import Cy545
-from nmc.executor import PARKED_GROUP, stop_all
+from nmc.executor import PARKED_GROUP, STREAMING_GROUP, stop_all
 from nmc.link import Link
 from nmc.picservo import Gains, PicServo
 from nmc.picstep import PicStep
@@ -23,7 +26,11 @@ from nmc.recording_link import RecordingLink
 from nmc.setup import ModuleExpectation, ModuleInfo, set_group, start_up
 from sim.build import Simulation, build
 
+if TYPE_CHECKING:
+    from nmc.watchdog_process import SupervisedLink
+
 SIM = "sim"
+NS_PER_MS = 1_000_000
 STEADY_POLL_NS = 10_000_000
 STEADY_FOR_NS = 300_000_000
 STEADY_WITHIN_NS = 3_000_000_000
@@ -72,8 +79,6 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
         links = simulation.links[: len(nmc_buses(config))]
         chips = simulated_indexers(config, simulation)
         return Connection(config, links, [Bus(link) for link in links], simulation, indexers=chips)
-    from nmc.serial_link import SerialLink
-
     names = [bus.port for bus in nmc_buses(config).values()]
     if port is not None:
         if len(config.bus) != 1:
@@ -83,14 +88,21 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
         raise ValueError("a machine is on ports or simulated as a whole; give every bus a port")
     opened: list[Link] = []
     try:
-        for name in names:
-            opened.append(RecordingLink(SerialLink(name)))
+        for name, table in zip(names, nmc_buses(config).values(), strict=True):
+            opened.append(RecordingLink(_port(name, table)))
         chips = open_ports(config)
     except Exception:
         for link in opened:
             link.close()
         raise
     return Connection(config, opened, [Bus(link) for link in opened], None, indexers=chips)
+
+
+def _port(name: str, table: BusTable) -> Link:
+    from nmc.serial_link import SerialLink
+    from nmc.watchdog_process import SupervisedLink
+
+    return SupervisedLink(name) if table.watchdog_ms else SerialLink(name)
 
 
 def bring_up(connection: Connection) -> bool:
@@ -114,7 +126,38 @@ def bring_up(connection: Connection) -> bool:
         _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
     for indexer in connection.indexers.values():
         indexer.start_up(kept)
+    for (name, table), link in zip(nmc_buses(config).items(), connection.links, strict=True):
+        _watch(link, connection.modules[name], table)
     return kept
+
+
+def _watch(link: Link, modules: Sequence[ModuleInfo], table: BusTable) -> None:
+    """Tell the watchdog of a port what it must stop if this program dies."""
+    from nmc.watchdog import Ward
+
+    supervised = _supervised(link)
+    if supervised is not None:
+        wards = [Ward(module.address, module.chip) for module in modules if module.chip != picio.FACTS.name]
+        timeout_ns = round(table.watchdog_ms * NS_PER_MS)
+        supervised.watch(wards, (STREAMING_GROUP, PARKED_GROUP), baud=table.baud, timeout_ns=timeout_ns)
+
+
+def _supervised(link: Link) -> SupervisedLink | None:
+    inner = link.inner if isinstance(link, RecordingLink) else link
+    return inner if hasattr(inner, "arm") else None  # type: ignore[return-value]  # only a SupervisedLink can be armed
+
+
+@contextmanager
+def armed(connection: Connection) -> Iterator[None]:
+    """While something moves, the watchdogs of the ports stop it if this program dies or hangs."""
+    guards = [guard for link in connection.links if (guard := _supervised(link)) is not None]
+    for guard in guards:
+        guard.arm()
+    try:
+        yield
+    finally:
+        for guard in guards:
+            guard.disarm()
 
 
 def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: bool) -> None:

@@ -24,6 +24,8 @@ CountLatch = Literal["rollover", "immediate", "unknown"]
 Chip = Literal["pic-step", "pic-servo", "cy545"]
 
 CHIPS = ("pic-step", "pic-servo", "cy545")
+SHORTEST_WATCHDOG_MS = 30
+"""At 9600 baud the nulls that end a half-sent packet alone take most of this."""
 BAUDS = (9600, 19200, 57600, 115200)
 """The rates both NMC data sheets list under Set Baud Rate."""
 
@@ -43,11 +45,21 @@ class MachineTable(Table):
 
 
 class BusTable(Table):
-    """``[bus.NAME]``. ``port``: ``sim`` or a serial port. ``host_jitter_ms``: the host's own delay, at most."""
+    """``[bus.NAME]``. ``port``: ``sim`` or a serial port. ``host_jitter_ms``: the host's own delay, at most.
+
+    ``watchdog_ms``: silence of this program after which its watchdog process stops the motors of a port; 0: none.
+    """
 
     port: str = Field(default="sim", min_length=1)
     baud: Annotated[int, BeforeValidator(whole)] = 115200
     host_jitter_ms: NotNegative | None = None
+    watchdog_ms: Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)] = 100.0
+
+    @model_validator(mode="after")
+    def _long_enough(self) -> BusTable:
+        if self.watchdog_ms != 0 and self.watchdog_ms < SHORTEST_WATCHDOG_MS:
+            raise ValueError(f"watchdog_ms must be 0 (none) or at least {SHORTEST_WATCHDOG_MS}")
+        return self
 
     @model_validator(mode="after")
     def _listed_baud(self) -> BusTable:

@@ -21,6 +21,7 @@ import numpy as np
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.cy545 import stand_ins
 from machines.cy545_homing import home_indexer
 from machines.homing import Homed, home_servo, home_stepper
 from machines.indexing import IndexingSource, Yard, has_index_moves
@@ -172,6 +173,8 @@ class Session:
         for bus, modules in self._connection.modules.items():
             found = [f"{module.address}: {module.chip} version {module.version}" for module in modules]
             self.note("connected", self.now_ns, bus=bus, modules=found, kept_positions=kept)
+        for words in stand_ins(self.config):
+            self.note("stand_in", self.now_ns, message=words)
 
     def where(self) -> dict[str, float]:
         """Machine position of every axis by its first motor, read back from the chips; mm or degrees."""
@@ -199,7 +202,8 @@ class Session:
             self._require_start(trajectory, begins_at)
             bringup.park(self.connection)
             source = self._source(trajectory, profile)
-            finished, statistics = self._stream(source, progress or _nothing, stop_requested)
+            with bringup.armed(self.connection):
+                finished, statistics = self._stream(source, progress or _nothing, stop_requested)
         except (NmcError, StreamError, ValueError) as error:
             positions = self._stop_after_failure(str(error))
             line = source.progress().line if source else 0
@@ -252,7 +256,8 @@ class Session:
         try:
             for axis in axes:
                 self.note("homing", self.now_ns, axis=axis)
-                homed = self._home_axis(axis)
+                with bringup.armed(self.connection):
+                    homed = self._home_axis(axis)
                 self.note("homed", self.now_ns, axis=axis, spread_steps=homed.spread_steps)
                 done.append(homed)
         except (NmcError, ValueError) as error:

@@ -106,6 +106,7 @@ def test_a_missing_key_is_an_error_at_its_table() -> None:
         ("max_velocity = 10", "max_velocity = 100", "axis.X.max_velocity", "64,000 steps/s"),
         ("[axis.X]", "[axis.x]", "axis.x", "letters"),
         ("[bus.main]", "[bus.main]\nbaud = 12345", "bus.main", "115200"),
+        ("[bus.main]", "[bus.main]\nwatchdog_ms = 5", "bus.main", "at least 30"),
         ('[machine]\nname = "small"', '[machines]\nname = "small"', "machines", "unknown"),
         ('[machine]\nname = "small"', "", "machine", "missing"),
         ("[machine]", '[sim.axis.Q]\nhome_at = 1\n[motor.Y2]\naxis = "Y"\n[machine]', "sim.axis.Q", "no axis or motor"),
