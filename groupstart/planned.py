@@ -40,9 +40,12 @@ def checked_job(
 
 def planned(job: Job, machine: MachineFile, solver: str) -> Plan:
     """Plan a checked job. Raises VerbError with the program's line if it cannot be planned on this machine."""
+    from machines.cy545 import stand_ins
     from machines.job import plan_diagnostic, plan_job
     from planner.errors import PlanError
 
+    for words in stand_ins(machine.config):
+        click.echo(f"note: {words}", err=True)
     try:
         return plan_job(job, machine.config, cast("Solver", solver))
     except PlanError as error:

@@ -33,6 +33,15 @@ def line_names(config: MachineConfig) -> frozenset[str]:
     return frozenset(table.bus for table in cy545_tables(config).values())
 
 
+def stand_ins(config: MachineConfig) -> list[str]:
+    """What must be said whenever a rate table is used that is not the manual's."""
+    return [
+        f"axis {axis}: {rates.source} is a stand-in for the CY545's rate table; a real chip's times and speeds differ"
+        for axis, table in cy545_tables(config).items()
+        if (rates := read_rates(table.rate_table)).stand_in
+    ]
+
+
 def indexer_of(config: MachineConfig, axis: str, table: Cy545Axis, lead_in_ns: int) -> Indexer:
     """An axis as planner lowers to it; lead_in_ns: what the stream of the other axes needs to begin after a move."""
     bus = config.bus[table.bus]

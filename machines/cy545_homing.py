@@ -49,17 +49,14 @@ class _Search:
     def run(self) -> Homed:
         """The whole of it."""
         home, chip = self.home, self.chip
-        if not chip.lines.switch_closed():
-            guess = self._seek(True, home.velocity)
-        else:
-            guess = chip.position
-        self._seek(False, home.slow_velocity)
+        seen = None if chip.lines.switch_closed() else self._seek(True, home.velocity)
+        opened = self._seek(False, home.slow_velocity)
         self._go(chip.position + self.away, home.velocity)
         self._seek(True, home.slow_velocity)
         edge = self._edge()
         self._go(edge - round(home.position * self.scale), home.velocity)
         chip.set_position(0)
-        return Homed(self.axis, edge, guess - edge)
+        return Homed(self.axis, edge, (opened if seen is None else seen) - edge)
 
     def _seek(self, closed: bool, velocity: float) -> int:
         """Run until the switch is ``closed``, or open; where it was seen, reckoned back from where the chip stopped."""
