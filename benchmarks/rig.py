@@ -22,7 +22,7 @@ from planner.types import Trajectory
 from sim.build import Simulation, build
 from sim.compare import Contour, Reference, compare_pins
 from sim.pulses import Pins, ServoTrack, StepRuns, pins
-from sim.spec import BusSpec, ServoModule, ServoPlant, StepModule
+from sim.spec import BusSpec, CountLatch, ServoModule, ServoPlant, StepModule
 from sim.trace import Trace
 
 MODE_BITS = {8: 0, 4: 1, 2: 2, 1: 3}
@@ -39,6 +39,7 @@ class Conditions:
     seed: int = 1
     steps_per_mm: float = 200.0
     speed_max_mm_s: float = 60.0
+    count_latch: CountLatch = "rollover"
     servos: tuple[str, ...] = ()
     counts_per_mm: float = 400.0
     gains: tuple[int, int, int, int] = (400, 4800, 200, 4000)
@@ -66,7 +67,14 @@ def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, B
             modules.append(ServoModule(name, crystal_ppm_max=conditions.crystal_ppm, plant=plant))
         else:
             delay_ns = round(conditions.start_delay_ms * 1e6)
-            modules.append(StepModule(name, crystal_ppm_max=conditions.crystal_ppm, start_delay_max_ns=delay_ns))
+            modules.append(
+                StepModule(
+                    name,
+                    crystal_ppm_max=conditions.crystal_ppm,
+                    start_delay_max_ns=delay_ns,
+                    count_latch=conditions.count_latch,
+                )
+            )
     simulation = build([BusSpec("main", tuple(modules), host_jitter_max_ns=jitter_ns)], conditions.seed)
     bus = Bus(simulation.links[0], host_latency_ns=max(jitter_ns, 1_000_000))
     chips = ["pic-servo" if name in conditions.servos else "pic-step" for name in axes]

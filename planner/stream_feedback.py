@@ -20,6 +20,8 @@ HOME_ITEM = b"\x10"
 HOME_BYTES = 4
 INTERVAL_NS = 60_000_000
 """Time between two latches: a chip that differs from its twin is stopped within this and a few exchanges."""
+QUIET_EXCHANGE_NS = 773_000
+"""A No Operation on a host without jitter; on a slower one the round costs more and comes less often."""
 SHARE = 6
 LATE_NS = 6_000_000
 """On a busy bus a latched position is read after this time, or as one exchange in ``SHARE``."""
@@ -31,6 +33,7 @@ class Feedback:
     def __init__(self, schedule: StepSchedule, axes: Sequence[StepAxis]) -> None:
         self.schedule = schedule
         self.axes = list(axes)
+        self.interval_ns = int(INTERVAL_NS * (schedule.timing.mean_exchange_ns(0) / QUIET_EXCHANGE_NS) ** 2)
         self.next_ns = 0
         self.since_ns = 0
         self._others = 0
@@ -39,7 +42,7 @@ class Feedback:
     def overdue(self) -> bool:
         """The round is late: it takes its share of a busy bus, one exchange in ``SHARE``."""
         self._others += 1
-        late_ns = LATE_NS if self._unread else INTERVAL_NS // 2
+        late_ns = LATE_NS if self._unread else self.interval_ns // 2
         return self._others >= SHARE and self.schedule.now_ns > self.since_ns + late_ns
 
     def due(self) -> bool:
@@ -61,7 +64,7 @@ class Feedback:
         self._unread = [axis for axis in self.axes if axis.moving and axis.in_stream]
         for axis in self._unread:
             axis.twin.latch(*window)
-        self.next_ns = schedule.now_ns + INTERVAL_NS
+        self.next_ns = schedule.now_ns + self.interval_ns
 
     def _read(self, axis: StepAxis) -> Stream:
         leg = axis.leg
