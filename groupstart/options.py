@@ -66,3 +66,16 @@ def stream_options(function: F) -> F:
         "--profile", type=click.Choice(PROFILES), default="auto", show_default=True, help="How the chips are fed."
     )(function)
     return click.option("--seed", type=click.IntRange(min=0), help="Seed of the simulated machine's chance.")(function)
+
+
+def servo_every_option(function: F) -> F:
+    """``--trace-servo-every``: how many servo samples a saved trace keeps."""
+    return click.option(
+        "--trace-servo-every",
+        "servo_every",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        metavar="N",
+        help="Keep every N-th servo sample in the saved trace.",
+    )(function)

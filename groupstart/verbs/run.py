@@ -14,7 +14,7 @@ import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.inputs import open_machine, read_program
-from groupstart.options import machine_option, solver_option, stream_options
+from groupstart.options import machine_option, servo_every_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
 
@@ -35,6 +35,7 @@ EXAMPLE = "compass.nc"
 @program_options
 @solver_option
 @stream_options
+@servo_every_option
 @click.option("--port", metavar="sim|PATH", help="Port of the machine's bus instead of the one in its file.")
 @click.option("--home", multiple=True, metavar="AXIS", help="Home this axis before the run; may be repeated.")
 @click.option("--yes", is_flag=True, help="Do not wait for anybody: tool changes and stops are taken as done.")
@@ -47,6 +48,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
+    servo_every: int,
     port: str | None,
     home: tuple[str, ...],
     yes: bool,
@@ -79,7 +81,7 @@ def command(
             return again, planned(again, described, solver)
 
         result = run_in(folder, job, plan, described, options, replan)
-        leave(folder, described, result)
+        leave(folder, described, result, servo_every)
     if result.verdict is None:
         raise VerbError(f"{result.fault}\nrun folder: {folder.path}", EXIT_FAULT)
     if as_json:
@@ -134,11 +136,13 @@ def run_in(
         )
 
 
-def leave(folder: RunFolder, machine: MachineFile, result: RunResult) -> None:
+def leave(folder: RunFolder, machine: MachineFile, result: RunResult, servo_every: int = 1) -> None:
     """Write what the run has left: the plan that ran, trace or bus record, verdict, picture."""
+    from machines.thin import thin_servo
+
     result.plan.save(folder.path / "plan.npz")
     if result.trace is not None:
-        result.trace.save(folder.path / "trace.npz")
+        thin_servo(result.trace, servo_every).save(folder.path / "trace.npz")
         draw_run(folder.path / "path.png", machine, result)
     for bus, lines in result.records.items():
         folder.write(f"bus-{bus}.txt", "\n".join(lines) + "\n")

@@ -8,7 +8,7 @@ import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.inputs import open_machine, read_program
-from groupstart.options import file_argument, machine_option, solver_option, stream_options
+from groupstart.options import file_argument, machine_option, servo_every_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned, refuse_unstreamable
 from groupstart.programoptions import ProgramChoices, program_options
 from groupstart.reportoptions import ReportChoices, report_options
@@ -20,6 +20,7 @@ from groupstart.reportoptions import ReportChoices, report_options
 @program_options
 @solver_option
 @stream_options
+@servo_every_option
 @click.option("--json", "as_json", is_flag=True, help="The verdict as JSON.")
 @click.option("--trace", type=click.Path(), help="File for everything that came out of the pins (trace.npz).")
 @report_options
@@ -30,6 +31,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
+    servo_every: int,
     as_json: bool,
     trace: str | None,
     report: ReportChoices,
@@ -39,6 +41,7 @@ def command(
     The same bytes go to the simulator as would go to the chips. Exit status 0 if the verdict is good, 1 if not.
     """
     from machines.runner import RunOptions, perform
+    from machines.thin import thin_servo
 
     text = read_program(file)
     described = open_machine(machine)
@@ -52,7 +55,7 @@ def command(
     with RunProgress(plan.trajectory.duration_s, len(text.splitlines())) as progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     if trace is not None and result.trace is not None:
-        result.trace.save(trace)
+        thin_servo(result.trace, servo_every).save(trace)
         click.echo(f"wrote {trace}", err=True)
     if result.verdict is None:
         raise VerbError(result.fault, EXIT_FAULT)

@@ -178,6 +178,21 @@ def test_the_same_seed_gives_the_same_bytes(short: str, tmp_path: Path, cli: Cli
     assert not np.array_equal(a["run_first_ns"], c["run_first_ns"])
 
 
+def test_servo_samples_can_be_thinned(short: str, tmp_path: Path, cli: Cli) -> None:
+    for every in ("1", "10"):
+        trace = str(tmp_path / f"{every}.npz")
+        assert cli("verify", short, "-m", "mill3-mixed", "--trace", trace, "--trace-servo-every", every).status == 0
+    whole, thin = (np.load(tmp_path / f"{every}.npz") for every in ("1", "10"))
+    assert set(np.unique(whole["servo_axis"])) == {0, 1}
+    for motor in (0, 1):
+        one, other = (trace["servo_ns"][trace["servo_axis"] == motor] for trace in (whole, thin))
+        assert len(other) == pytest.approx(len(one) / 10, abs=2)
+        assert (other[0], other[-1]) == (one[0], one[-1])
+        assert np.isin(other, one).all()
+    assert np.array_equal(whole["run_first_ns"], thin["run_first_ns"])
+    assert np.array_equal(whole["bus_byte"], thin["bus_byte"])
+
+
 def test_a_bad_verdict_is_status_one_and_still_writes_the_trace(short: str, tmp_path: Path, cli: Cli) -> None:
     strict = (ROOT / "machines" / "data" / "mill3-step.toml").read_text() + "\n[verify]\ncontour_steps = 0.001\n"
     machine = tmp_path / "strict.toml"

@@ -20,7 +20,10 @@ def test_every_file_that_the_architecture_names_is_there() -> None:
     assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
 
 
-@pytest.mark.parametrize("page", ["README.md", "ARCHITECTURE.md", "docs/cli.md", "docs/machine-files.md"])
+PAGES = ["README.md", "ARCHITECTURE.md", "docs/cli.md", "docs/machine-files.md", "docs/commissioning.md"]
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_every_link_leads_somewhere(page: str) -> None:
     text = (ROOT / page).read_text()
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
