@@ -90,7 +90,7 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
     try:
         for name, table in zip(names, nmc_buses(config).values(), strict=True):
             opened.append(RecordingLink(_port(name, table)))
-        chips = open_ports(config)
+        chips = open_ports(config, opened)
     except Exception:
         for link in opened:
             link.close()

@@ -75,6 +75,7 @@ class IndexingSource:
         self.plan_start_ns = start_ns
         self.shift_ns = 0
         """How much later than planned everything is by now."""
+        self._late = 0
         self._yard = yard
         self._now_ns = start_ns
         self._counts: list[StreamCounts] = []
@@ -98,11 +99,11 @@ class IndexingSource:
         return Progress(time_s, whole.duration_s, int(whole.line(at)[0]), position)
 
     def counts(self) -> StreamCounts:
-        """Slices of all stretches; the mean slice of the longest of them."""
+        """Slices of all stretches, the longest of their mean slices; a late stage counts as a late slice."""
         found = [*self._counts, *([self._present.counts()] if self._present else [])]
         return StreamCounts(
             sum(each.slices for each in found),
-            sum(each.late_slices for each in found),
+            sum(each.late_slices for each in found) + self._late,
             max((each.slice_ms for each in found), default=0.0),
         )
 
@@ -120,6 +121,7 @@ class IndexingSource:
         planned_ns = self.plan_start_ns + self.shift_ns + round(stage.begin_s * NS_PER_S)
         late_ns = max(now_ns + needs_ns - planned_ns, 0)
         self.shift_ns += late_ns
+        self._late += late_ns > 0
         return planned_ns + late_ns
 
     def _common(self, stage: Stage) -> Generator[Exchange, Evidence, None]:

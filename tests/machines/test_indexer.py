@@ -10,6 +10,8 @@ import pytest
 from gcode.setup import Setup
 from groupstart.cli import main
 from machines.cy545_homing import home_indexer
+from machines.cy545_lines import LivingLink
+from machines.cy545rates import read_rates
 from machines.errors import MachineError
 from machines.indexing import has_index_moves, stages_of
 from machines.job import plan_job, read_job
@@ -19,8 +21,10 @@ from machines.runner import RunOptions, RunResult, perform
 from machines.session import Session, SessionError, State
 from machines.wiring import indexers, planner_limits
 from nmc.chips.cy545 import BLOCK
+from nmc.cy545 import Cy545
 from planner.cy545_plan import plan_indexed
 from planner.plan import Plan
+from sim.cy545_host import TextHost
 
 PROGRAM = "G21 G90 G64 P0.01\nG0 X3 Y2\nG0 A30\nG1 X6 F600\nG0 A-15\nG0 X0 Y0\nM2\n"
 
@@ -221,6 +225,35 @@ def test_a_host_that_is_late_costs_time_and_no_place(machine: MachineFile) -> No
         assert session.simulation.violations == []  # type: ignore[union-attr]
         took_s = (outcome.end_ns - outcome.plan_start_ns) * 1e-9
         assert took_s > plan.trajectory.duration_s + 0.1
+        assert outcome.statistics.late_slices >= 2
+
+
+class Watched:
+    """Another port of the machine, whose watchdog wants to hear of its host."""
+
+    def __init__(self, link: Any) -> None:
+        self.link = link
+        self.beats_ns: list[int] = []
+
+    def now_ns(self) -> int:
+        return int(self.link.now_ns())
+
+    def sleep_until(self, _time_ns: int) -> None:
+        self.beats_ns.append(self.now_ns())
+
+
+def test_waiting_for_the_chip_shows_the_other_ports_that_the_host_lives() -> None:
+    host = TextHost(read_rates("stand-in"))
+    other = Watched(host.link)
+    link = LivingLink(host.link, [other])  # type: ignore[list-item]
+    driver = Cy545(link, host.link)
+    driver.start_up()
+    driver.set_rates(14, 60, 200)
+    driver.move_to(3000, 3_000_000_000)
+    gaps = np.diff(other.beats_ns)
+    assert gaps.max() <= 5_000_000
+    assert other.beats_ns[-1] > 3e9
+    assert host.sim.violations == []
 
 
 # -- homing ------------------------------------------------------------------------------------------------------------
