@@ -53,7 +53,7 @@ class Table:
 def tabulate(chunk: bytes) -> Table:
     """The table of a chunk of whole lines (the last one ends with a newline)."""
     data = np.frombuffer(chunk, np.uint8)
-    kind = _KIND[data]
+    kind = np.take(_KIND, data)
     newlines = np.flatnonzero(kind == _NEWLINE)
     count = len(newlines)
     starts = np.empty(count + 1, np.int64)
@@ -67,8 +67,7 @@ def tabulate(chunk: bytes) -> Table:
         plain &= _has_nothing_else(kind, newlines)
         return Table(starts, plain, values)
     letter_count = np.cumsum(kind == _LETTER, dtype=np.int32)
-    before = letter_count[newlines]
-    per_line = np.diff(before, prepend=0)
+    per_line = np.diff(letter_count[newlines], prepend=0)
     line_of = np.repeat(np.arange(count), per_line)
     digits = np.flatnonzero(kind == _DIGIT)
     word_value, good = _numbers(data, kind, letters, digits, letter_count)
@@ -93,57 +92,99 @@ def _has_nothing_else(kind: U1, newlines: I8) -> Flags:
 def _numbers(data: U1, kind: U1, letters: I8, digits: I8, letter_count: npt.NDArray[np.int32]) -> tuple[F8, Flags]:
     """The value of each word, and whether it is a good number."""
     words = len(letters)
-    digit_count = np.cumsum(kind == _DIGIT, dtype=np.int32)
-    first = digit_count[letters]
-    count = np.diff(first, append=np.int32(len(digits)))
-    skipped = int(first[0])
+    owner_of_digit = letter_count[digits]
+    skipped = int(np.searchsorted(owner_of_digit, 1))
     digits = digits[skipped:]
-    word = np.repeat(np.arange(words, dtype=np.int32), count)
-    rank = np.repeat(first - skipped + count - 1, count) - np.arange(len(digits), dtype=np.int32)
+    count = np.bincount(owner_of_digit[skipped:], minlength=words + 1)[1:]
+    first = np.cumsum(count) - count
     good = (count > 0) & (count <= MAX_DIGITS)
-    np.minimum(rank, 22, out=rank)
-    terms = (data[digits] - 48) * _POWERS[rank]
-    mantissa = np.bincount(word, terms, words)
+    mantissa = _mantissas(data, digits, first, count)
     points = np.flatnonzero(kind == _POINT)
     owner = letter_count[points] - 1
     inside = owner >= 0
     points, owner = points[inside], owner[inside]
-    decimals = np.zeros(words, np.int32)
-    after = first[owner] + count[owner] - digit_count[points]
-    decimals[owner] = after
+    decimals = _decimals(digits, first, count, points, owner, good)
     good[owner[1:][owner[1:] == owner[:-1]]] = False
-    signs = np.flatnonzero(kind == _SIGN)
-    signed = letter_count[signs] - 1
-    inside = signed >= 0
-    signs, signed = signs[inside], signed[inside]
-    good[signed[1:][signed[1:] == signed[:-1]]] = False
-    early = digit_count[signs] == first[signed]
-    first_point = np.full(words, len(data), np.int64)
-    first_point[owner[::-1]] = points[::-1]
-    good[signed[~early | (first_point[signed] < signs)]] = False
     value = mantissa / _POWERS[np.minimum(decimals, 22)]
-    minus = signed[data[signs] == ord("-")]
-    value[minus] = -value[minus]
+    signs = np.flatnonzero(kind == _SIGN)
+    if len(signs):
+        _apply_signs(data, signs, letter_count, (digits, first), (points, owner), value, good)
     value[~good] = 0.0
     return value, good
 
 
+def _decimals(
+    digits: I8, first: I8, count: I8, points: I8, owner: npt.NDArray[np.integer], good: Flags
+) -> npt.NDArray[np.int64]:
+    """Digits behind the point of each word. Numbers with blanks inside are left to the scanner."""
+    decimals = np.zeros(len(count), np.int64)
+    if len(digits) == 0:
+        return decimals
+    start = digits[np.minimum(first, len(digits) - 1)]
+    last = digits[np.minimum(first + np.maximum(count, 1) - 1, len(digits) - 1)]
+    span = last - start + 1
+    behind = last[owner] - points
+    decimals[owner] = np.maximum(behind, 0)
+    span[owner] -= (behind > 0) & (points > start[owner])
+    good &= span == count
+    return decimals
+
+
+def _mantissas(data: U1, digits: I8, first: I8, count: I8) -> F8:
+    """The digits of each word as one number, digit after digit for all words at once."""
+    padded = np.zeros(len(digits) + MAX_DIGITS + 1)
+    padded[: len(digits)] = data[digits]
+    padded[: len(digits)] -= 48.0
+    mantissa = padded[first]
+    least, most = int(count.min(initial=1)), min(int(count.max(initial=1)), MAX_DIGITS)
+    for place in range(1, most):
+        longer = mantissa * 10.0
+        longer += padded[first + place]
+        if place < least:
+            mantissa = longer
+        else:
+            np.copyto(mantissa, longer, where=count > place)
+    return mantissa
+
+
+def _apply_signs(
+    data: U1,
+    signs: I8,
+    letter_count: npt.NDArray[np.int32],
+    digits: tuple[I8, npt.NDArray[np.integer]],
+    points: tuple[I8, npt.NDArray[np.integer]],
+    value: F8,
+    good: Flags,
+) -> None:
+    """A sign must be the only one of its word and stand before its digits and its point."""
+    owner = letter_count[signs] - 1
+    inside = owner >= 0
+    signs, owner = signs[inside], owner[inside]
+    good[owner[1:][owner[1:] == owner[:-1]]] = False
+    places, first = digits
+    first_digit = places[np.minimum(first[owner], len(places) - 1)] if len(places) else np.zeros(len(owner), np.int64)
+    first_point = np.full(len(value), len(data), np.int64)
+    at, owner_of_point = points
+    first_point[owner_of_point[::-1]] = at[::-1]
+    good[owner[(first_digit < signs) | (first_point[owner] < signs)]] = False
+    minus = owner[data[signs] == ord("-")]
+    value[minus] = -value[minus]
+
+
 def _reject_leading(plain: Flags, kind: U1, letters: I8, line_of: I8, newlines: I8, starts: I8) -> None:
     """A digit, point or sign before the first letter of a line makes it and the line before doubtful."""
-    count = len(newlines)
-    first_letter = np.full(count, np.iinfo(np.int64).max)
-    heads = np.flatnonzero(np.diff(line_of, prepend=-1) != 0)
-    first_letter[line_of[heads]] = letters[heads]
-    leading = np.minimum(first_letter, newlines)
-    span = leading - starts[:-1]
-    suspects = np.flatnonzero(span > 0)
+    heads = kind[starts[:-1]]
+    suspects = np.flatnonzero((heads != _LETTER) & (heads != _NEWLINE))
     if len(suspects) == 0:
         return
+    begin = starts[:-1][suspects]
+    after = np.searchsorted(letters, begin)
+    first_letter = np.append(letters, len(kind))[after]
+    leading = np.minimum(first_letter, newlines[suspects])
     marks = np.flatnonzero((kind == _DIGIT) | (kind == _POINT) | (kind == _SIGN))
-    found = np.searchsorted(marks, leading[suspects]) - np.searchsorted(marks, starts[:-1][suspects])
-    bad = suspects[found > 0]
-    plain[bad] = False
-    owners = letters.searchsorted(starts[:-1][bad]) - 1
+    bad = np.searchsorted(marks, leading) > np.searchsorted(marks, begin)
+    plain[suspects[bad]] = False
+    owners = after[bad] - 1
     plain[line_of[owners[owners >= 0]]] = False
 
 

@@ -68,39 +68,47 @@ DIALECTS: dict[str, Dialect] = {
 }
 NAMES = (*DIALECTS, "auto")
 
-_PRINTER = re.compile(r"^\s*(?:N\d+\s*)?(?:M10[4-9]|M1[49]0|G1\s[^;(]*E-?\d)", re.IGNORECASE | re.MULTILINE)
-_SIEMENS = re.compile(
-    r"^\s*(?:N\d+\s*)?(?:DEF\s+(?:REAL|INT)|MCALL|CYCLE\d+|TRANS\b|R\d+\s*=|;\$PATH)", re.IGNORECASE | re.MULTILINE
-)
-_MACRO_B = re.compile(
-    r"^\s*(?:/\s*)?(?:N\d+\s*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|.*\bG0*6[567]\b|.*\bM97\b)",
-    re.IGNORECASE | re.MULTILINE,
-)
-_FANUC = re.compile(
-    r"\bG28\s*G91|\bG91\s*G28|\bG6[89]\b|\bG15\b|\bG16\b|^%\s*\n\s*(?:<[^>]*>|O\d{4})", re.IGNORECASE | re.MULTILINE
-)
-_MACH = re.compile(
-    r"^\s*(?:N\d+\s*)?G7[01](?:\s|G|$)(?!.*Q)|\bG0?50\b|^\s*(?:N\d+\s*)?G53\s*(?:G90|$)", re.IGNORECASE | re.MULTILINE
-)
-_SENDER = re.compile(
-    r"^\s*[$?]|^\s*(?:N\d+\s*)?(?:G[0-9.]+\s*)*M(?:[2-9]\d\d|1[0-8]|[2-4]\d|[78]\d|9[0-7])\b",
-    re.IGNORECASE | re.MULTILINE,
-)
-
 
 def guess(text: str) -> tuple[str, str]:
     """The dialect that a program seems to be written in, and the sign it was told by."""
+    signs = _signs()
     head = text if len(text) <= 400_000 else text[:380_000] + text[-20_000:]
-    for pattern, name, sign in (
-        (_SIEMENS, "siemens", "Sinumerik words"),
-        (_PRINTER, "marlin", "extrusion or heating"),
-        (_MACRO_B, "fanuc", "Macro B statements"),
-        (_MACH, "mach", "G70 or G71 as units, G50 or G53 alone"),
-        (_FANUC, "fanuc", "a Fanuc idiom"),
-        (_SENDER, "grbl", "sender lines or M codes of small machines"),
-    ):
+    for pattern, name, sign in signs:
         match = pattern.search(head)
         if match is not None:
             line = head.count("\n", 0, match.start() + len(match.group()) - len(match.group().lstrip())) + 1
             return name, f"{sign} (line {line})"
     return "linuxcnc", "nothing of another dialect"
+
+
+def _signs() -> tuple[tuple[re.Pattern[str], str, str], ...]:
+    """By what each dialect is told, the surest first."""
+    flags = re.IGNORECASE | re.MULTILINE
+    return tuple((re.compile(pattern, flags), name, sign) for pattern, name, sign in SIGNS)
+
+
+_N = r"^\s*(?:N\d+\s*)?"
+SIGNS = (
+    (_N + r"(?:DEF\s+(?:REAL|INT)|MCALL|CYCLE\d+|TRANS\b|R\d+\s*=|;\$PATH)", "siemens", "Sinumerik words"),
+    (_N + r"(?:M10[4-9]|M1[49]0|G1\s[^;(]*E-?\d)", "marlin", "extrusion or heating"),
+    (
+        r"^\s*(?:/\s*)?(?:N\d+\s*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|.*\bG0*6[567]\b|.*\bM97\b)",
+        "fanuc",
+        "Macro B statements",
+    ),
+    (
+        _N + r"G7[01](?:\s|G|$)(?!.*Q)|\bG0?50\b|" + _N + r"G53\s*(?:G90|$)",
+        "mach",
+        "G70 or G71 as units, G50 or G53 alone",
+    ),
+    (
+        r"\bG28\s*G91|\bG91\s*G28|\bG6[89]\b|\bG15\b|\bG16\b|^%\s*\n\s*(?:<[^>]*>|O\d{4})",
+        "fanuc",
+        "a Fanuc idiom",
+    ),
+    (
+        r"^\s*[$?]|" + _N + r"(?:G[0-9.]+\s*)*M(?:[2-9]\d\d|1[0-8]|[2-4]\d|[78]\d|9[0-7])\b",
+        "grbl",
+        "sender lines or M codes of small machines",
+    ),
+)

@@ -5,6 +5,8 @@ Nothing but the present chunk is kept. If an O-word turns up, the whole program 
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
@@ -21,12 +23,24 @@ if TYPE_CHECKING:
     from gcode.columns import F8, I8
     from gcode.flow import Flow
 
+THREADS = "OPENBLAS_NUM_THREADS"
 FEW_LINES = 64
 """Programs shorter than this are not worth loading the column tools for."""
 CALLS = (98.0,)
 LATHE_CYCLES = (70.0, 71.0, 71.1, 71.2, 72.0, 72.1, 72.2)
 MAX_STOPS = 12
 """A chunk in which the columns stop so often is executed line by line."""
+
+
+def load_numpy() -> None:
+    """Imports numpy without the threads of its linear algebra, which the columns have no use for and which cost time."""
+    if "numpy" in sys.modules or THREADS in os.environ:
+        return
+    os.environ[THREADS] = "1"
+    try:
+        import numpy  # noqa: F401
+    finally:
+        del os.environ[THREADS]
 
 
 class Executor(Protocol):
@@ -86,6 +100,7 @@ class Stream:
         yield self.number
 
     def _chunk(self, chunk: bytes) -> Iterator[int]:
+        load_numpy()
         import numpy as np
 
         from gcode.blockpath import MIN_RUN

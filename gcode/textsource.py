@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-CHUNK_BYTES = 1 << 18
+CHUNK_BYTES = 1 << 17
 """A chunk and its tables stay in the cache of the processor."""
 
 
@@ -24,7 +24,7 @@ def unified(data: bytes) -> bytes:
     """Byte order mark dropped, CR alone as a line end, a newline at the very end."""
     if data.startswith(b"\xef\xbb\xbf"):
         data = data[3:]
-    if data.count(b"\r") != data.count(b"\r\n"):
+    if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data if not data or data.endswith(b"\n") else data + b"\n"
 

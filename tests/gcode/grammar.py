@@ -111,30 +111,16 @@ def offset(draw):
     return [draw(SYSTEMS)]
 
 
+MODES = [
+    *("G90", "G91", "G17", "G18", "G19", "G98", "G99", "G61", "G61.1", "G64", "G64 P0.05", "G64 P0.1 Q0.02"),
+    *("G49;G20 F20", "G49;G21 F300"),
+]
+"""The stand-alone oracle does not convert a tool offset when the unit changes, so there is none then."""
+
+
 @st.composite
 def modes(draw):
-    return [
-        draw(
-            st.sampled_from(
-                [
-                    "G20 F20",
-                    "G21 F300",
-                    "G90",
-                    "G91",
-                    "G17",
-                    "G18",
-                    "G19",
-                    "G98",
-                    "G99",
-                    "G61",
-                    "G61.1",
-                    "G64",
-                    "G64 P0.05",
-                    "G64 P0.1 Q0.02",
-                ]
-            )
-        )
-    ]
+    return draw(st.sampled_from(MODES)).split(";")
 
 
 @st.composite
@@ -182,7 +168,7 @@ def compensation(draw):
         points.reverse()
     code = draw(st.sampled_from(["G41.1", "G42.1"]))
     diameter = draw(st.sampled_from([0.5, 1, 2, 6]))
-    lines = ["G40 G17 G90 G21 F300", "G92.1", "G0 X-90 Y-80", f"{code} D{diameter}"]
+    lines = ["G49", "G40 G17 G90 G21 F300", "G92.1", "G0 X-90 Y-80", f"{code} D{diameter}"]
     for n, (x, y) in enumerate(points):
         if n and draw(st.integers(0, 3)) == 0:
             px, py = points[n - 1]
