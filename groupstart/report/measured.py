@@ -10,7 +10,8 @@ import numpy.typing as npt
 from machines.judge import reference_of, trace_pins
 from machines.runner import RunResult
 from machines.schema import MachineConfig
-from machines.wiring import motors, scale_of
+from machines.wiring import every_motor, scale_of
+from planner.cy545 import Indexer
 from planner.motors import Motor
 from planner.types import F8, I4, Trajectory
 from sim.compare import MOVING_UNITS_S, WINDOW_S
@@ -55,10 +56,10 @@ def steps_of(config: MachineConfig) -> dict[str, float]:
     return {axis: 1 / abs(scale_of(motor)) for axis, motor in first_motors(config).items()}
 
 
-def first_motors(config: MachineConfig) -> dict[str, Motor]:
+def first_motors(config: MachineConfig) -> dict[str, Motor | Indexer]:
     """The motor that stands for each axis."""
-    found: dict[str, Motor] = {}
-    for motor in motors(config):
+    found: dict[str, Motor | Indexer] = {}
+    for motor in every_motor(config):
         found.setdefault(motor.axis, motor)
     return found
 

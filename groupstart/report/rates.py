@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from machines.schema import MachineConfig
-from machines.wiring import motors
+from machines.wiring import every_motor
+from planner.cy545 import Indexer
 from planner.motors import StepMotor
 from planner.types import F8, Trajectory
 from sim.trace import Trace
@@ -31,8 +32,8 @@ class RateView:
 def rate_views(config: MachineConfig, trace: Trace, trajectory: Trajectory, t_s: F8) -> list[RateView]:
     """Every stepper of a machine; ``t_s``: where to look at the plan."""
     v, found = trajectory.v(t_s), []
-    for motor in motors(config):
-        if not isinstance(motor, StepMotor):
+    for motor in every_motor(config):
+        if not isinstance(motor, StepMotor | Indexer):
             continue
         wanted = v[:, trajectory.axes.index(motor.axis)] * motor.steps_per_unit
         emitted_s, emitted = emitted_rate(trace, motor.name)

@@ -20,7 +20,9 @@ RECORD, TRACE = "bus-*.txt", "trace.npz"
 @click.command(name="dump")
 @click.argument("source", type=click.Path(allow_dash=True))
 @click.option("--bus", type=click.IntRange(min=0), default=0, show_default=True, help="Which bus of a trace.")
-@click.option("--chip", type=click.Choice(["pic-step", "pic-servo"]), help="Chip to assume before one says its type.")
+@click.option(
+    "--chip", type=click.Choice(["pic-step", "pic-servo", "cy545"]), help="Chip to assume before one says its type."
+)
 @click.option("--complaints", is_flag=True, help="Only the packets against which a data sheet has something.")
 def command(source: str, bus: int, chip: str | None, complaints: bool) -> None:
     """Decode the bytes of SOURCE: a run folder, a trace.npz, a bus record, or - for a bus record on stdin.
@@ -28,12 +30,14 @@ def command(source: str, bus: int, chip: str | None, complaints: bool) -> None:
     A bus record has one chunk a line: time in ns, > (host) or < (modules), bytes in hex.
     """
     from nmc.chips import picservo, picstep
+    from nmc.cy545_dump import dump_cy545
     from nmc.dump import dump_lines
 
     facts = {"pic-step": picstep.FACTS, "pic-servo": picservo.FACTS}.get(chip or "")
     count = 0
     try:
-        for line in dump_lines(chunks_of(source, bus), facts):
+        chunks = chunks_of(source, bus)
+        for line in dump_cy545(chunks) if chip == "cy545" else dump_lines(chunks, facts):
             count += len(line.complaints)
             if line.complaints or not complaints:
                 click.echo(line.text())

@@ -363,3 +363,15 @@ def test_the_verbs_by_hand_take_the_indexer(capsys: pytest.CaptureFixture[str]) 
     assert command(capsys, "home", "A", "-m", "mill3-indexer")[0] == 0
     assert command(capsys, "scan", "-m", "mill3-indexer")[0] == 0
     assert command(capsys, "reset", "-m", "mill3-indexer")[0] == 0
+
+
+def test_the_report_of_a_run_has_the_indexer_in_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "job.nc").write_text(PROGRAM)
+    page, trace = tmp_path / "report.html", tmp_path / "trace.npz"
+    places = ["--report", str(page), "--trace", str(trace)]
+    status, _, err = command(capsys, "verify", str(tmp_path / "job.nc"), "-m", "mill3-indexer", *places)
+    assert status == 0, err
+    assert page.stat().st_size > 10_000
+    status, out, _ = command(capsys, "dump", str(trace), "--bus", "1", "--chip", "cy545")
+    assert status == 0
+    assert "position 1200" in out
