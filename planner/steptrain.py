@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -50,6 +51,19 @@ class Leg:
 
     def __len__(self) -> int:
         return len(self.times_ns)
+
+
+class Train(Protocol):
+    """Where an axis gets its legs from."""
+
+    motor: StepMotor
+    start_steps: int
+
+    def peek(self) -> Leg | None:
+        """The next leg, or None when the train is over."""
+
+    def pop(self) -> Leg:
+        """Take the next leg."""
 
 
 class StepTrain:

@@ -20,11 +20,12 @@ from planner.steptrain import StepTrain
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
+from planner.stream_exact import ExactSchedule, PieceTrain
 from planner.stream_group import GroupSchedule
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-Profile = Literal["auto", "group", "adaptive", "stop-here", "smooth"]
+Profile = Literal["auto", "group", "adaptive", "exact", "stop-here", "smooth"]
 PROFILES: tuple[str, ...] = get_args(Profile)
 LEAD_IN_NS = 50_000_000
 """Time between the first exchange and t = 0 of the plan: room to load every axis before the first Start."""
@@ -103,8 +104,8 @@ def make_source(
 
     All modules must rest, parked (see ``planner.stream_regroup``), with their counters at the trajectory's first
     position and servos enabled. start_ns: link time of t = 0; leave ``lead_in_ns`` before it. profile: of the steppers
-    ``group`` or ``adaptive``, of the servos ``stop-here`` or ``smooth``; a name of one kind leaves the other at its
-    default, and on a bus with servos the steppers are always led ``adaptive``.
+    ``group``, ``adaptive`` or ``exact``, of the servos ``stop-here`` or ``smooth``; a name of one kind leaves the other
+    at its default, and on a bus with servos the steppers are always led ``adaptive``.
 
     Raises:
         StreamError: from ``next``, when a reply contradicts the twins: the machine must be stopped.
@@ -116,11 +117,15 @@ def make_source(
         raise ValueError(f"profile {profile!r} is not offered ({', '.join(PROFILES)} are)")
     steppers = [motor for motor in motors if isinstance(motor, StepMotor)]
     servos = [motor for motor in motors if isinstance(motor, ServoMotor)]
-    axes = [StepAxis(StepTrain(trajectory, motor), timing, start_ns) for motor in steppers]
+    trains = [StepTrain(trajectory, motor) for motor in steppers]
+    if profile == "exact" and not servos:
+        schedule: StepSchedule = ExactSchedule([PieceTrain(t) for t in trains], timing, motors[0].bus, start_ns)
+        return StreamSource(trajectory, schedule, start_ns)
+    axes = [StepAxis(train, timing, start_ns) for train in trains]
     if not servos and profile != "adaptive":
         return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
-    schedule = AdaptiveSchedule(axes, timing, motors[0].bus)
+    adaptive = AdaptiveSchedule(axes, timing, motors[0].bus)
     lane = SmoothLane if profile == "smooth" else StopHereLane
     for motor in servos:
-        schedule.add_servo(lane(trajectory, motor, schedule, start_ns))
-    return StreamSource(trajectory, schedule, start_ns)
+        adaptive.add_servo(lane(trajectory, motor, adaptive, start_ns))
+    return StreamSource(trajectory, adaptive, start_ns)

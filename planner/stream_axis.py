@@ -14,7 +14,7 @@ from nmc.budget import BusTiming
 from nmc.twin import StepTimerTwin
 from planner.motors import StepMotor
 from planner.quantize import count_of_period, nearest_speed, period_of_count_ns, period_range_ns
-from planner.steptrain import Leg, StepTrain
+from planner.steptrain import Leg, Train
 
 LOAD_TRAJECTORY = 0x4
 LOAD_POSITION, LOAD_TIMER_COUNT, REVERSE, START_NOW = 0x01, 0x08, 0x10, 0x80
@@ -40,7 +40,7 @@ class Load:
 class StepAxis:
     """State of one axis of a stream. All instants are link time in ns."""
 
-    def __init__(self, train: StepTrain, timing: BusTiming, start_ns: int) -> None:
+    def __init__(self, train: Train, timing: BusTiming, start_ns: int) -> None:
         self.train = train
         self.motor: StepMotor = train.motor
         self.timing = timing
@@ -111,6 +111,12 @@ class StepAxis:
         gaps = leg.gaps_ns[: last + 1]
         period_ns = max(period_ns, int(min(gaps) / CATCH_UP) if gaps else self.period_min_ns)
         return self._encode(period_ns, leg, leg.direction, start_now)
+
+    def piece_load(self, period_ns: int) -> tuple[bytes, Load]:
+        """Stop position and count of the next leg, started at once and run at one rate."""
+        leg = self.next_leg()
+        assert leg is not None
+        return self._encode(period_ns, leg, leg.direction, start_now=True)
 
     def lone_start_ns(self, ahead_ns: int) -> int:
         """Instant at which the next leg must start: its first step and the one ``ahead_ns`` later are on time."""

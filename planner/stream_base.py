@@ -104,12 +104,12 @@ class StepSchedule:
 
     # --- one axis ----------------------------------------------------------------------------------------------------
 
-    def stop_motor(self, axis: StepAxis) -> Said:
+    def stop_motor(self, axis: StepAxis, send_ns: int = 0) -> Said:
         """Send Stop Motor if the next leg reverses; the slowest twin has stopped, the moving bit must agree."""
         if not axis.needs_stop_motor():
             return False
         data = bytes((AMP_ENABLE | STOP_ABRUPTLY,))
-        evidence = yield Exchange(axis.motor.address, STOP_MOTOR, data, bus=self.bus)
+        evidence = yield Exchange(axis.motor.address, STOP_MOTOR, data, send_at_ns=send_ns, bus=self.bus)
         self.expect_rest(axis, evidence)
         axis.stop_motor_sent = True
         return True

@@ -12,7 +12,7 @@ from stream_rig import ClosedForm, Conditions, Outcome, circle, line, random_pat
 from planner.motors import StepMotor
 from planner.stream import make_source
 
-STEPPER_PROFILES = ("group", "adaptive")
+STEPPER_PROFILES = ("group", "adaptive", "exact")
 PATHS = {
     "line": lambda: line((30.0, 11.0, 4.0), 20.0),
     "circle": lambda: circle(2.0, 20.0),
@@ -33,7 +33,7 @@ def clean(outcome: Outcome) -> None:
 def test_steppers_follow_the_path(path: str, profile: str, jitter_ms: float) -> None:
     outcome = stream(PATHS[path](), Conditions(jitter_ms=jitter_ms, seed=3), profile)
     clean(outcome)
-    assert outcome.contour.contour_steps.max <= (6.0 if profile == "group" else 3.5)
+    assert outcome.contour.contour_steps.max <= (3.5 if profile == "adaptive" else 6.0)
     if profile == "adaptive":
         assert outcome.contour.contour_steps.rms <= 1.0
     assert outcome.contour.sim_time_s == pytest.approx(PATHS[path]().duration_s, rel=0.01)

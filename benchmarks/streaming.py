@@ -1,0 +1,144 @@
+"""How near the pins come to the path: every profile, every job, quiet and with a host that hesitates.
+
+    PYTHONPATH=. python benchmarks/streaming.py [--seeds 20] [--processes 2] [--only adaptive]
+
+Prints contour errors in steps (steppers) or um (servos), worst over the seeds; ends, violations and bus share beside.
+The floor is the ideal stepping of the same path: every step on its rounding instant.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.paths import ClosedForm, circle, line, random_path, rounded_square
+from benchmarks.rig import Conditions, Outcome, stream
+from planner.motors import StepMotor
+from planner.quantize import speed_mode_for
+from planner.steptrain import StepTrain
+from sim.compare import Contour, Reference, compare_pins
+from sim.pulses import Pins
+
+NAMED: dict[str, Callable[[], ClosedForm]] = {
+    "line 20": lambda: line((60.0, 20.0, 5.0), 20.0),
+    "circle 50 mm, 20": lambda: circle(25.0, 20.0),
+    "circle 50 mm, 60": lambda: circle(25.0, 60.0),
+    "circle r2, 20": lambda: circle(2.0, 20.0),
+    "square r1, 40": lambda: rounded_square(20.0, 1.0, 40.0),
+}
+JITTER_MS = (0.0, 0.2, 2.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table before it is run."""
+
+    label: str
+    profile: str
+    path: str
+    seeds: int
+    conditions: Conditions
+
+
+def trajectory(path: str, seed: int) -> ClosedForm:
+    """A named path, or ``random FEED AXES``."""
+    if path in NAMED:
+        return NAMED[path]()
+    _, feed, axes = path.split()
+    return random_path(seed, float(feed), int(axes))
+
+
+def cases(seeds: int) -> Iterator[Case]:
+    """Everything that the table shows, in its order."""
+    for profile in ("group", "adaptive", "exact"):
+        for jitter in JITTER_MS:
+            for path in NAMED:
+                yield Case(f"{path}, jitter {jitter}", profile, path, 1, Conditions(jitter))
+            for feed in (20, 60):
+                label = f"random {feed} mm/s, jitter {jitter}"
+                yield Case(label, profile, f"random {feed} 3", seeds, Conditions(jitter))
+    for axes in (2, 4, 6):
+        yield Case(f"random 20 mm/s, {axes} axes", "adaptive", f"random 20 {axes}", min(seeds, 6), Conditions())
+    for profile in ("smooth", "stop-here"):
+        for jitter in (0.0, 2.0):
+            for path in ("circle 50 mm, 20", "circle r2, 20", "random 20 3"):
+                servos = Conditions(jitter, servos=("X", "Y", "Z"))
+                yield Case(f"{path}, servos, jitter {jitter}", profile, path, min(seeds, 6), servos)
+    for jitter in (0.0, 2.0):
+        mixed = Conditions(jitter, servos=("X", "Y"))
+        yield Case(f"random 20, X Y servos, Z stepper, jitter {jitter}", "smooth", "random 20 3", min(seeds, 6), mixed)
+
+
+def run_one(job: tuple[Case, int]) -> Outcome:
+    """One seed of a case."""
+    case, seed = job
+    conditions = Conditions(**{**case.conditions.__dict__, "seed": 100 + seed})
+    return stream(trajectory(case.path, seed), conditions, case.profile)  # type: ignore[arg-type]
+
+
+def floor(path: ClosedForm, steps_per_mm: float = 200.0) -> Contour:
+    """Contour error of the ideal stepping of a path."""
+    mode = speed_mode_for(60.0 * steps_per_mm)
+    times, motors = [], []
+    start = np.zeros(len(path.axes))
+    for column, name in enumerate(path.axes):
+        train = StepTrain(path, StepMotor(name, name, 0, column + 1, steps_per_mm, mode))
+        start[column] = train.start_steps
+        while train.peek() is not None:
+            leg = train.pop()
+            times.append(leg.times_ns)
+            motors.append(np.full(len(leg), (column + 1) * leg.direction))
+    time_ns, motor = np.concatenate(times), np.concatenate(motors)
+    order = np.argsort(time_ns, kind="stable")
+    moves = np.zeros((len(order), len(path.axes)))
+    moves[np.arange(len(order)), np.abs(motor[order]) - 1] = np.sign(motor[order])
+    out = Pins(time_ns[order].astype(float), np.cumsum(moves, axis=0) + start)
+    t = np.append(np.arange(0.0, path.duration_s, 1e-3), path.duration_s)
+    scale = np.full(len(path.axes), steps_per_mm)
+    return compare_pins(Reference(path.axes, t, path.q(t), path.line(t)), out, path.axes, path.axes, scale, 0)
+
+
+def report(case: Case, outcomes: list[Outcome]) -> str:
+    """One line of the table."""
+    ends = sum(abs(n) for o in outcomes for n in o.contour.end_error_steps.values())
+    violations = sum(sum(o.violations.values()) for o in outcomes)
+    bus = np.mean([o.bus_share for o in outcomes])
+    if case.conditions.servos:
+        command = [o.contour.contour_um for o in outcomes]
+        shaft = max(o.shaft.contour_um.max for o in outcomes)
+        figures = (
+            f"{max(c.max for c in command):6.1f} {max(c.p999 for c in command):6.1f} um command {shaft:6.1f} shaft"
+        )
+    else:
+        spreads = [o.contour.contour_steps for o in outcomes]
+        worst = [max(getattr(s, field) for s in spreads) for field in ("max", "p999", "rms")]
+        median = np.median([s.max for s in spreads])
+        figures = f"{median:6.2f} {worst[0]:6.2f} {worst[1]:6.2f} {worst[2]:5.2f} steps"
+    return f"{case.profile:9s} {case.label:46s} {figures:42s} ends {ends} broken rules {violations} bus {bus:4.0%}"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--only", default="", help="only rows whose profile or label contains this")
+    options = parser.parse_args()
+    print("floor, ideal stepping: max p99.9 rms, steps")
+    for path in (*NAMED, "random 20 3", "random 60 3"):
+        spread = floor(trajectory(path, 0)).contour_steps
+        print(f"  {path:20s} {spread.max:5.2f} {spread.p999:5.2f} {spread.rms:5.2f}")
+    print("profile   job: median max, worst max, worst p99.9, worst rms")
+    with ProcessPoolExecutor(options.processes) as pool:
+        for case in cases(options.seeds):
+            if options.only in case.profile or options.only in case.label:
+                jobs = [(case, seed) for seed in range(case.seeds)]
+                print(report(case, list(pool.map(run_one, jobs))), flush=True)
+
+
+if __name__ == "__main__":
+    main()
