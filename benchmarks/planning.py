@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ from planner.types import Limits, Trajectory
 
 LIMITS = Limits(("X", "Y", "Z"), np.array([60.0, 60, 20]), np.array([500.0, 500, 200]), 0.010)
 START = np.zeros(3)
+JERK = np.array([1e4, 1e4, 4e3])
 TAUS_S = (0.005, 0.010, 0.020, 0.040)
 
 
@@ -103,6 +105,15 @@ def jerk(jobs: dict[str, list[Command]]) -> None:
             cost = 100 * (t.duration_s / without - 1)
             cells.append(f"{cost:14.2f} %  {m.deviation_mm * 1e3:5.2f}   {m.miss_mm * 1e3:5.2f}  {share:5.3f}")
         print(job, " ".join(cells))
+    limits = replace(LIMITS, jerk=JERK)
+    print(
+        "\nJerk limits 10000/10000/4000 mm/s3: width chosen for the program, time, deviation, largest share of the limit"
+    )
+    for job, commands in jobs.items():
+        t = plan(commands, limits, start=START, solver="kernel").trajectory
+        m = checked(t, moves_of(commands))
+        worst = max(m.deviation_mm, m.miss_mm) * 1e3
+        print(f"{job}  {t.tau_s * 1e3:5.1f} ms  {t.duration_s:8.2f} s  {worst:5.2f} um  {(m.jerk / JERK).max():8.6f}")
 
 
 def rate(jobs: dict[str, list[Command]], operations: int) -> None:
@@ -249,9 +260,17 @@ def main() -> None:
         "speed": lambda _: speed(chosen.lines),
     }  # fmt: skip
     wanted = [name for name in parts if name in chosen.only.split(",")]
+    if "speed" in wanted and len(wanted) > 1:
+        wanted.remove("speed")  # in a process of its own, for its memory is measured
+        alone = ["--only", "speed", "--lines", str(chosen.lines)]
+    else:
+        alone = []
     jobs = {job: commands_of(job) for job in JOBS if job in chosen.jobs} if wanted != ["speed"] else {}
     for name in wanted:
         parts[name](jobs)
+    if alone:
+        sys.stdout.flush()
+        subprocess.run([sys.executable, "-m", "benchmarks.planning", *alone], check=True)
 
 
 if __name__ == "__main__":

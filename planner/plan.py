@@ -17,7 +17,7 @@ from gcode.canon import Command, MoveBlock
 from planner.constraints import Constraints, constraints_of
 from planner.deviation import Deviation
 from planner.errors import PlanError
-from planner.jerk import FilteredTrajectory, filter_width_s
+from planner.jerk import FilteredTrajectory, filter_widths_s, within_jerk
 from planner.kinematics import Kinematics
 from planner.planfile import save_plan
 from planner.polygon import PathRules
@@ -60,13 +60,21 @@ class Setting:
 def setting_of(
     limits: Limits, start: F8, kinematics: Kinematics | RotaryTable | None = None, filter_s: float | None = None
 ) -> Setting:
-    """Check and gather. filter_s: width of the jerk filter, None: from the jerk limits. Raises PlanError."""
+    """Check and gather. Raises PlanError.
+
+    filter_s: width of the jerk filter, the jerk limits left aside; None: from the jerk limits, with smaller
+    accelerations.
+    """
     start = np.asarray(start, dtype=np.float64)
     if len(start) != len(limits.axes):
         raise PlanError(0, "", f"start has {len(start)} numbers for {len(limits.axes)} axes")
+    tau = next(iter(filter_widths_s(limits)), 0.0) if filter_s is None else filter_s
+    return _setting(within_jerk(limits, tau) if filter_s is None else limits, start, kinematics, tau)
+
+
+def _setting(limits: Limits, start: F8, kinematics: Kinematics | RotaryTable | None, tau: float) -> Setting:
     table = kinematics if isinstance(kinematics, RotaryTable) else None
     constraints = constraints_of(limits, kinematics if isinstance(kinematics, Kinematics) else None)
-    tau = filter_width_s(limits) if filter_s is None else filter_s
     matrix = constraints.matrix(len(limits.axes))
     jump = None if tau > 0 else limits.velocity_jump
     rules = PathRules(
@@ -95,11 +103,25 @@ def plan(
     the report: work_offset f8[A], machine position of the work zero; travel, allowed reach by axis; measured, sample
     the trajectory against the program. Raises PlanError with the program's line.
     """
+    tries = filter_widths_s(limits) if filter_s is None else ()
+    commands = list(commands) if measured or len(tries) > 1 else commands
+    setting = setting_of(limits, start, kinematics, filter_s)
+    if len(tries) > 1:
+        settings = [_setting(within_jerk(limits, tau), setting.start, kinematics, tau) for tau in tries]
+        setting = min(settings, key=lambda s: _duration_s(commands, s))
+    timed, deviation, chosen = _timed(commands, setting, solver)
+    trajectory = trajectory_of(timed, setting)
+    if measured and len(timed.intervals):
+        deviation = replace(deviation, measured_mm=_measured(trajectory, commands, setting))
+    report = survey(trajectory, timed, limits, setting.constraints, chosen, deviation, work_offset, travel)
+    return Plan(trajectory, timed, limits, report)
+
+
+def _timed(commands: Iterable[Command | MoveBlock], setting: Setting, solver: Solver) -> tuple[Timed, Deviation, str]:
+    """The whole path timed, what it uses of the tolerance, and who solved."""
     from planner.paths import join_intervals
     from planner.stages import chunks
 
-    setting = setting_of(limits, start, kinematics, filter_s)
-    commands = list(commands) if measured else commands
     parts, marks, deviation, count = [], [], Deviation(), 0
     for chunk, _ in chunks(commands, setting.start, setting.rules, BATCH_MOVES):
         parts.append(chunk.intervals)
@@ -108,12 +130,12 @@ def plan(
         deviation = deviation.worst(chunk.deviation)
     intervals = join_intervals(parts)
     x, cap, chosen = solve(intervals, setting.constraints, solver) if count else (np.zeros(1), np.zeros(0), "none")
-    timed = Timed(intervals, x, cap, tuple(marks), setting.rules.tau_s)
-    trajectory = trajectory_of(timed, setting)
-    if measured and count:
-        deviation = replace(deviation, measured_mm=_measured(trajectory, commands, setting))
-    report = survey(trajectory, timed, limits, setting.constraints, chosen, deviation, work_offset, travel)
-    return Plan(trajectory, timed, limits, report)
+    return Timed(intervals, x, cap, tuple(marks), setting.rules.tau_s), deviation, chosen
+
+
+def _duration_s(commands: Iterable[Command | MoveBlock], setting: Setting) -> float:
+    timed, _, _ = _timed(commands, setting, "kernel")
+    return float(schedule(timed, setting.constraints)[0].duration_s.sum())
 
 
 def _measured(

@@ -82,3 +82,22 @@ def test_the_width_follows_from_the_jerk_limits():
     assert t.tau_s == pytest.approx(0.01)
     moments = np.arange(0, t.duration_s, 1e-5)
     assert (np.abs(t.j(moments)).max(axis=0) <= limits.jerk * 1.0001).all()
+
+
+@pytest.mark.parametrize("jerk", [np.array([1e4, 1e4, 4e3]), np.array([5e4, 1e5, 3e4])])
+def test_jerk_limits_hold_with_the_width_that_suits_the_program(jerk):
+    limits = Limits(LIMITS.axes, LIMITS.velocity, LIMITS.acceleration, 0.010, jerk)
+    commands = program()
+    p = plan(commands, limits, start=ORIGIN, solver="kernel")
+    moments = np.union1d(np.arange(0, p.trajectory.duration_s, 2e-4), p.trajectory.junctions_s())
+    assert (np.abs(p.trajectory.j(moments)).max(axis=0) <= jerk * 1.0001).all()
+    assert (np.abs(p.trajectory.a(moments)).max(axis=0) <= LIMITS.acceleration * 1.0001).all()
+    full = float((2 * LIMITS.acceleration / jerk).max())
+    at_full = plan(commands, LIMITS, start=ORIGIN, solver="kernel", filter_s=full).trajectory.duration_s
+    assert p.trajectory.duration_s <= at_full * 1.000001
+    assert p.report.axes["X"].jerk_limit == jerk[0]
+    reader = MoveReader(LIMITS.axes, ORIGIN, LIMITS.tolerance_mm)
+    for command in commands:
+        reader.read(command)
+    m = measure(p.trajectory, reader.take()[0], LIMITS.velocity, LIMITS.acceleration, 2e-4)
+    assert max(m.deviation_mm, m.miss_mm) <= 0.010
