@@ -153,5 +153,7 @@ def _measured(machine: Machine, block: Block, tool: Tool, system: int) -> list[f
 
 def _announce(machine: Machine, tool: Tool) -> None:
     numbers = " ".join(f"{value:.4f}" for value in tool.offset)
-    angles = f"{tool.diameter:.4f}, {tool.front_angle:.4f}, {tool.back_angle:.4f}, {tool.orientation}"
+    angles = f"{tool.front_angle:.4f}, {tool.back_angle:.4f}, {tool.orientation}"
     machine.emit.text(f"SET_TOOL_TABLE_ENTRY({tool.pocket}, {tool.number}, {numbers}, {angles})")
+    if machine.state.tool_in_spindle == tool.number:
+        machine.emit.text(f"SET_TOOL_TABLE_ENTRY(0, {tool.number}, {numbers}, {angles})")

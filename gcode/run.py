@@ -190,7 +190,13 @@ class Run:
         """The loop that begins at the next line, if it has run often enough to be compiled."""
         flow = self.flow
         construct = flow.program.at.get(flow.index)
-        if construct is None or construct.kind != "while" or construct.start != flow.index or construct.end < 0:
+        if (
+            construct is None
+            or not self.may_run_columns()
+            or construct.kind != "while"
+            or construct.start != flow.index
+            or construct.end < 0
+        ):
             return None
         if self._hot is None:
             self._passes += 1
@@ -242,8 +248,16 @@ class Run:
         program, index = flow.program, flow.index
         if index >= program.stop:
             return self._end_of_file(program)
+        self.before_line(index + 1, main=program is flow.main)
         flow.index = index + 1
         self._execute_line(index + 1, program.lines[index], program)
+        return True
+
+    def before_line(self, number: int, *, main: bool) -> None:
+        """Called before every line of a structured program; a hook for those who watch."""
+
+    def may_run_columns(self) -> bool:
+        """Whether runs of lines may be executed at once."""
         return True
 
     def execute_text(self, number: int, text: str) -> None:

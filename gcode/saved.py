@@ -54,17 +54,23 @@ def restore_modes(machine: Machine, saved: SavedModes) -> None:
     if now.unit != saved.unit:
         machine.run_text(g_name(saved.unit))
     now = save_modes(machine)
-    words = [f"F{saved.feed:.1f}", f"S{saved.spindle_rpm:.0f}"]
+    words = []
+    if saved.feed != now.feed:
+        words.append(f"F{saved.feed:.1f}")
+    if saved.spindle_rpm != now.spindle_rpm:
+        words.append(f"S{saved.spindle_rpm:.0f}")
     words += [
         g_name(want) for have, want in zip(now.g, saved.g, strict=True) if want != have and want not in {640, 960}
     ]
-    if 640 in saved.g:
+    path = (saved.g[5], saved.tolerance, saved.merge)
+    if saved.g[5] == 640 and path != (now.g[5], now.tolerance, now.merge):
         words.append("G64")
         if saved.tolerance is not None:
             words.append(f"P{saved.tolerance:f}")
             if saved.merge is not None:
                 words.append(f"Q{saved.merge:f}")
-    machine.run_text(" ".join(words))
+    if words:
+        machine.run_text(" ".join(words))
     if now.m[1:3] != saved.m[1:3] and -1 in saved.m[1:3]:
         machine.run_text("M9")
     for have, want in zip(now.m, saved.m, strict=True):

@@ -33,7 +33,7 @@ MAX_STOPS = 12
 
 
 def load_numpy() -> None:
-    """Imports numpy without the threads of its linear algebra, which the columns have no use for and which cost time."""
+    """Imports numpy without the threads of its linear algebra: columns do not use them, and they cost time."""
     if "numpy" in sys.modules or THREADS in os.environ:
         return
     os.environ[THREADS] = "1"
@@ -53,6 +53,9 @@ class Executor(Protocol):
         """Reads and executes one line, and reports what is wrong with it."""
 
     flow: Flow
+
+    def may_run_columns(self) -> bool:
+        """Whether runs of lines may be executed at once."""
 
     def warn_rapid(self, number: int) -> None:
         """Warns of a rapid below Z0 on a line."""
@@ -90,7 +93,7 @@ class Stream:
         Raises ``NeedsStructureError``.
         """
         for chunk in self.source.chunks():
-            if len(chunk) < FEW_LINES * 8:
+            if len(chunk) < FEW_LINES * 8 or not self.run.may_run_columns():
                 yield from self._lines(chunk.decode("utf-8", "surrogateescape").split("\n")[:-1])
             else:
                 yield from self._chunk(chunk)
@@ -171,7 +174,12 @@ class Stream:
             self._begun = True
             self._maybe_closed = False
             templates = self._templates
-            if templates.allowed and ("[" in text or "#" in text) and templates.run(self.number, text):
+            if (
+                templates.allowed
+                and self.run.may_run_columns()
+                and ("[" in text or "#" in text)
+                and templates.run(self.number, text)
+            ):
                 if len(templates.rows) >= HOLD_ROWS:
                     self._flush()
                     yield self.number
