@@ -125,7 +125,7 @@ def bring_up(connection: Connection) -> bool:
     for _, servo in servo_tables(config).values():
         _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
     for indexer in connection.indexers.values():
-        indexer.start_up(kept)
+        kept = indexer.start_up(kept) and kept
     for (name, table), link in zip(nmc_buses(config).items(), connection.links, strict=True):
         _watch(link, connection.modules[name], table)
     return kept

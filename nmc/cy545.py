@@ -30,6 +30,8 @@ GRACE_NS = 5_000_000
 SETTLE_NS = 50_000_000
 """Of a chip that is stopped on the way: the steps in progress, and what the command itself took."""
 ENDLESS_NS = 1 << 62
+STARTED = 1
+"""N of a chip that has been started up: not its power-on value."""
 CTS_POLL_NS = 1_000_000
 ASK_AGAIN_NS = 100_000_000
 ASKS = 5
@@ -81,10 +83,11 @@ class Cy545:
 
     # -- start-up and commands -----------------------------------------------------------------------------------------
 
-    def start_up(self, keep: bool = False) -> None:
-        """Find the chip, reset it (I) and start at position 0. Raises LinkTimeout if nobody answers.
+    def start_up(self, keep: bool = False) -> bool:
+        """Find the chip and reset it (I), so that nothing of an earlier host is left but, with ``keep``, its position.
 
-        keep: leave it as an earlier session did; the block cannot be known, so the position is that nearest to 0.
+        The block of a kept position cannot be known: it is that nearest to 0. Returns whether the position was kept:
+        a chip that has all its power-on values has lost it. Raises LinkTimeout if nobody answers.
         """
         self.link.set_baud(self.baud)
         self.lines.pull_abort(False)
@@ -93,20 +96,12 @@ class Cy545:
             self._rest()
         self.link.flush_input()
         register = self._ask_patiently("P")
-        if keep:
-            self.position = _nearest(register, 0)
-        else:
-            self.initialize()
-
-    def set_position(self, position: int) -> None:
-        """A: call the place where the chip stands ``position`` (steps)."""
-        self.command("A", position % facts.BLOCK)
-        self.position = position
-
-    def read_position(self) -> int:
-        """The position, read back from the chip. Raises LocalFault while it moves."""
-        self.position = _nearest(self.query("P"), self.position)
-        return self.position
+        kept = keep and any(self.query(letter) != facts.RESET_VALUES[letter] for letter in "NRFS")
+        self.initialize()
+        if kept:
+            self.set_position(_nearest(register, 0))
+        self.command("N", STARTED)
+        return kept
 
     def initialize(self) -> None:
         """I: every parameter to its default, position 0."""
@@ -117,6 +112,16 @@ class Cy545:
         if self.use_cts:
             self.command("O", facts.MODE_ASCII | facts.MODE_CTS)
         self._confirm()
+
+    def set_position(self, position: int) -> None:
+        """A: call the place where the chip stands ``position`` (steps)."""
+        self.command("A", position % facts.BLOCK)
+        self.position = position
+
+    def read_position(self) -> int:
+        """The position, read back from the chip. Raises LocalFault while it moves."""
+        self.position = _nearest(self.query("P"), self.position)
+        return self.position
 
     def command(self, letter: str, *arguments: int) -> None:
         """Send a command that starts no motion and let the chip deal with it. Raises LocalFault; no byte has left."""

@@ -112,7 +112,7 @@ def test_start_up_finds_resets_and_checks():
     driver = Cy545(link, host.link)
     driver.start_up()
     sent = b"".join(chunk.data for chunk in link.chunks if chunk.line == HOST)
-    assert sent == b"\r\r?P\rI\r?P\r"
+    assert sent == b"\r\r?P\rI\r?P\rN 1\r"
     assert (driver.position, host.chip.register, host.chip.values["R"]) == (0, 0, 100)
     assert host.sim.violations == []
 
@@ -124,12 +124,24 @@ def test_start_up_ends_what_an_earlier_host_left_unfinished():
     assert host.chip.register == 0
 
 
-def test_keeping_takes_the_position_nearest_to_zero():
+def test_keeping_takes_the_position_nearest_to_zero_and_nothing_else():
     host = TextHost(RATES)
-    host.do("N 30", "-", "G")
+    host.do("N 30", "-", "G", "R 7", "C")
     driver = Cy545(host.link, host.link)
-    driver.start_up(keep=True)
+    assert driver.start_up(keep=True)
     assert driver.position == -30
+    assert host.chip.register == BLOCK - 30
+    assert not host.chip.continuous
+    assert host.chip.values["R"] == 100
+
+
+def test_a_chip_whose_power_was_off_has_lost_its_position_and_says_so():
+    host = TextHost(RATES)
+    driver = Cy545(host.link, host.link)
+    assert not driver.start_up(keep=True)
+    assert driver.start_up(keep=True)  # now it is known to have been started up
+    host.do("I")
+    assert not driver.start_up(keep=True)
 
 
 def test_nobody_there_and_a_wrong_rate_are_told():
