@@ -12,7 +12,8 @@ from nmc.chips.cy545 import CRYSTAL_SHARE, STEPS_MAX
 from planner.cy545 import Indexer, choose, profile
 from planner.cy545_report import report_of_sequence
 from planner.cy545_sequence import IndexMove, SequenceBuilder
-from planner.cy545_split import Index, split
+from planner.cy545_split import Index, Together, split
+from planner.jerk import filter_widths_s, within_jerk
 from planner.plan import Plan, plan
 from planner.quantize import nearest_step
 from planner.report import PlanReport
@@ -37,15 +38,28 @@ def plan_indexed(
     start = np.asarray(start, dtype=np.float64)
     common = [k for k, axis in enumerate(limits.axes) if axis not in by_axis]
     shared = _of_axes(limits, common)
-    builder = SequenceBuilder(limits.axes, common, start)
+    stages = split(commands, limits.axes, tuple(by_axis), start)
+
+    def stretch(stage: Together, tau_s: float, solver: Solver) -> Plan:
+        kept = within_jerk(shared, tau_s)
+        return plan(stage.commands, kept, start=stage.start[common], solver=solver, filter_s=tau_s, travel=travel)
+
+    def duration_s(tau_s: float) -> float:
+        found = (stretch(stage, tau_s, "kernel") for stage in stages if isinstance(stage, Together))
+        return sum(each.trajectory.duration_s for each in found)
+
+    # one filter for the whole, so that all stretches run empty in the same time
+    widths = filter_widths_s(shared)
+    tau_s = min(widths, key=duration_s) if len(widths) > 1 else next(iter(widths), 0.0)
+    builder = SequenceBuilder(limits.axes, common, start, tau_s)
     reports: list[PlanReport] = []
-    for stage in split(commands, limits.axes, tuple(by_axis), start):
+    for stage in stages:
         if isinstance(stage, Index):
             indexer = by_axis[stage.axis]
             for move in index_moves(indexer, stage):
-                builder.index(move, indexer.before_s, indexer.after_s + move.duration_s / CRYSTAL_SHARE)
+                builder.index(move, indexer.before_s, max(indexer.after_s, tau_s) + move.duration_s / CRYSTAL_SHARE)
         else:
-            planned = plan(stage.commands, shared, start=stage.start[common], solver=solver, travel=travel)
+            planned = stretch(stage, tau_s, solver)
             builder.together(planned.trajectory, planned.timed)
             reports.append(planned.report)
     trajectory, timed = builder.finished()
@@ -72,4 +86,5 @@ def _of_axes(limits: Limits, columns: Sequence[int]) -> Limits:
         velocity=limits.velocity[list(columns)],
         acceleration=limits.acceleration[list(columns)],
         jerk=None if limits.jerk is None else limits.jerk[list(columns)],
+        velocity_jump=None if limits.velocity_jump is None else limits.velocity_jump[list(columns)],
     )

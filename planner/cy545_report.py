@@ -95,6 +95,7 @@ def _widest(found: Sequence[AxisReport], stands: float, limits: Limits, k: int) 
         velocity=max(axis.velocity for axis in found),
         acceleration=max(axis.acceleration for axis in found),
         jerk=max(jerks) if jerks else None,
+        acceleration_limit=float(limits.acceleration[k]),
         work_least=min(axis.work_least for axis in found),
         work_greatest=max(axis.work_greatest for axis in found),
     )

@@ -65,14 +65,18 @@ class IndexedTrajectory(PathTrajectory):
 
 
 class SequenceBuilder:
-    """Grows stretch by stretch. axes: all, A; common: columns of those that are not on CY545s; here: f8[A]."""
+    """Grows stretch by stretch.
 
-    def __init__(self, axes: tuple[str, ...], common: Sequence[int], here: F8) -> None:
+    axes: all, A; common: columns of those that are not on CY545s; here: f8[A]; drain_s: width of the jerk filter of
+    all stretches, 0 without.
+    """
+
+    def __init__(self, axes: tuple[str, ...], common: Sequence[int], here: F8, drain_s: float = 0.0) -> None:
         self.axes = axes
         self.common = np.array(common, dtype=np.intp)
         self.here = here.copy()
         self.end_s = 0.0
-        self.drain_s = 0.0
+        self.drain_s = drain_s
         self.stages: list[Stage] = []
         self._events: list[Event] = []
         self._intervals: list[Intervals] = []
@@ -86,7 +90,6 @@ class SequenceBuilder:
     def together(self, motion: PathTrajectory | FilteredTrajectory, timed: Timed) -> None:
         """Append a stretch of common motion."""
         base = motion.base if isinstance(motion, FilteredTrajectory) else motion
-        self.drain_s = timed.drain_s
         self._events += [replace(event, time_s=event.time_s + self.end_s) for event in base.events]
         if base.duration_s <= 0:
             return

@@ -125,12 +125,17 @@ def test_events_keep_their_place_between_the_moves() -> None:
     assert dwell.time_s == pytest.approx(index.begin_s + index.duration_s * 1.001 + A.after_s)
 
 
-def test_a_jerk_filter_leaves_the_stages_where_they_are() -> None:
-    t = planned(jerk=20_000.0).trajectory
+@pytest.mark.parametrize("jerk", [5_000.0, 20_000.0, 100_000.0])
+def test_one_jerk_filter_runs_empty_at_the_end_of_every_stretch(jerk: float) -> None:
+    t = planned(jerk=jerk).trajectory
     assert isinstance(t, FilteredTrajectory)
     assert isinstance(t.base, IndexedTrajectory)
-    end = t.q(np.array([t.duration_s]))[0]
-    assert end == pytest.approx([0, 0, 5, 75])
+    ends = np.array([stage.begin_s + stage.duration_s for stage in t.base.stages if stage.index is None])
+    assert t.q(ends) == pytest.approx(np.array([[10, 10, 5, 0], [0, 0, 5, 75]]), abs=1e-9)
+    assert np.abs(t.v(ends)).max() < 1e-9
+    times = np.linspace(0, t.duration_s, 5001)
+    assert np.abs(t.a(times))[:, :3].max() <= 500 * (1 + 1e-6)
+    assert np.abs(t.j(times))[:, :3].max() <= jerk * (1 + 1e-6)
 
 
 @pytest.mark.parametrize(
