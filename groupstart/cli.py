@@ -21,6 +21,7 @@ VERBS: dict[str, str] = {
     "verify": "Run a program on the simulated machine and judge it.",
     "estimate": "Tell how long programs take, by operation and tool.",
     "diff": "Compare the motion of two programs or two machines.",
+    "regress": "Run a suite of jobs on machines against its baselines.",
     "run": "Run a program: on the simulated machine, or on a port.",
     "home": "Send axes to their machine zero.",
     "jog": "Move axes by a distance.",
