@@ -17,10 +17,12 @@ from gcode.errors import Diagnostic
 from gcode.interp import interpret
 from gcode.setup import Setup
 from gcode.source import split_lines
+from machines.cy545 import cy545_tables
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
 from machines.wiring import indexers, planned_axes, planner_limits, travel
 from planner.cy545_plan import plan_indexed
+from planner.cy545_split import refusals
 from planner.errors import PlanError
 from planner.plan import Plan, plan
 from planner.timing import Solver
@@ -55,6 +57,7 @@ def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Jo
     commands = tuple(result.commands)
     if config is not None and not any(item.severity == "error" for item in found):
         found += tuple(travel_diagnostics(commands, travel(config), text, setup))
+        found += tuple(_interpolated(commands, config, text, setup))
     return Job(setup.file, text, commands, found, setup.start, (result.dialect, result.dialect_reason))
 
 
@@ -73,6 +76,26 @@ def plan_diagnostic(error: PlanError, job: Job) -> Diagnostic:
     line = max(error.line, 1)
     first, last = _columns(job.text, line, error.axis)
     return Diagnostic(job.name, line, first, last, "PL001", "error", error.message, error.hint)
+
+
+def _interpolated(
+    commands: Sequence[Command | MoveBlock], config: MachineConfig, text: str, setup: Setup
+) -> list[Diagnostic]:
+    """One error for each CY545 axis that a program would interpolate: the first line, and how many moves do."""
+    alone = tuple(cy545_tables(config))
+    if not alone:
+        return []
+    axes = planned_axes(config)
+    start = np.array([setup.start[AXES.index(axis)] for axis in axes])
+    by_axis: dict[str, list[PlanError]] = {}
+    for error in refusals(commands, axes, alone, start):
+        by_axis.setdefault(error.axis, []).append(error)
+    found = []
+    for axis, errors in by_axis.items():
+        first, last = _columns(text, errors[0].line, axis)
+        message = errors[0].message + (f" ({_moves(len(errors))} do)" if len(errors) > 1 else "")
+        found.append(Diagnostic(setup.file, errors[0].line, first, last, "PL001", "error", message, errors[0].hint))
+    return found
 
 
 def travel_diagnostics(

@@ -53,6 +53,8 @@ class _Splitter:
     begin: F8 = field(init=False)
     columns: list[int] = field(init=False)
     mode: PathControl | None = None
+    refused: list[PlanError] | None = None
+    """Where refusals are gathered; None: the first one is raised."""
 
     def __post_init__(self) -> None:
         self.begin = self.position.copy()
@@ -102,7 +104,10 @@ class _Splitter:
         others = [other for other in moved if other != axis]
         if others or not plain:
             words = f"axis {axis} is on a CY545, which cannot be interpolated"
-            raise PlanError(line, axis, words + (f" with {', '.join(others)}" if others else ""), WAYS_OUT)
+            error = PlanError(line, axis, words + (f" with {', '.join(others)}" if others else ""), WAYS_OUT)
+            if self.refused is None:
+                raise error
+            self.refused.append(error)
         self.close()
         k = self.axes.index(axis)
         self.stages.append(Index(line, axis, float(self.position[k]), float(there[k]), feed))
@@ -122,6 +127,20 @@ def split(
 ) -> list[Stage]:
     """The stages of a program. axes: planned; alone: those on CY545s; start: f8[A]. Raises PlanError."""
     splitter = _Splitter(axes, tuple(alone), np.array(start, dtype=np.float64))
+    _read(splitter, commands)
+    return splitter.stages
+
+
+def refusals(
+    commands: Iterable[Command | MoveBlock], axes: tuple[str, ...], alone: Sequence[str], start: F8
+) -> list[PlanError]:
+    """Every move of a program that would interpolate a CY545 axis; arguments as of ``split``."""
+    splitter = _Splitter(axes, tuple(alone), np.array(start, dtype=np.float64), refused=[])
+    _read(splitter, commands)
+    return splitter.refused or []
+
+
+def _read(splitter: _Splitter, commands: Iterable[Command | MoveBlock]) -> None:
     for item in commands:
         if isinstance(item, MoveBlock):
             if len(item):
@@ -129,7 +148,6 @@ def split(
         else:
             splitter.command(item)
     splitter.close()
-    return splitter.stages
 
 
 def _rows(block: MoveBlock, first: int, last: int) -> MoveBlock:

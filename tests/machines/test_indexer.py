@@ -336,16 +336,17 @@ def command(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
     return leaving.value.code, captured.out, captured.err
 
 
-@pytest.mark.parametrize("verb", ["plan", "verify", "run"])
+@pytest.mark.parametrize("verb", ["check", "plan", "verify", "run"])
 def test_interpolation_exits_1_with_line_column_and_two_ways_out(
     verb: str, tmp_path: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "bad.nc").write_text("G21 G90\nG0 X5\nG1 X10 A45 F100\nM2\n")
-    status, _, err = command(capsys, verb, str(tmp_path / "bad.nc"), "-m", "mill3-indexer")
+    status, out, err = command(capsys, verb, str(tmp_path / "bad.nc"), "-m", "mill3-indexer")
     assert status == 1
-    assert "bad.nc:3:8: error PL001: axis A is on a CY545, which cannot be interpolated with X" in err
-    assert "hint: split the move" in err
-    assert "put the axis on an NMC chip" in err
+    told = out + err
+    assert "bad.nc:3:8: error PL001: axis A is on a CY545, which cannot be interpolated with X" in told
+    assert "hint: split the move" in told
+    assert "put the axis on an NMC chip" in told
 
 
 def test_the_stand_in_is_told_whenever_it_is_used(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:

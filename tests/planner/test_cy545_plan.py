@@ -10,7 +10,7 @@ from machines.cy545rates import read_rates
 from planner.cy545 import Indexer, choose, profile
 from planner.cy545_plan import index_moves, plan_indexed
 from planner.cy545_sequence import IndexedTrajectory
-from planner.cy545_split import Index, Together, split
+from planner.cy545_split import Index, Together, refusals, split
 from planner.errors import PlanError
 from planner.jerk import FilteredTrajectory
 from planner.plan import plan
@@ -154,6 +154,12 @@ def test_interpolation_is_refused_with_line_axis_and_two_ways_out(command: Any, 
     assert axes in error.message
     assert "split the move" in error.hint
     assert "NMC" in error.hint
+
+
+def test_all_refusals_of_a_program_can_be_had_at_once() -> None:
+    bad = [Rapid(2, at(x=1, a=5)), Feed(3, at(x=2, a=5), 10.0), block([(4, 3, 6), (5, 3, 7), (6, 4, 8)])]
+    assert [error.line for error in refusals(bad, AXES, ("A",), np.zeros(4))] == [2, 4, 6]
+    assert refusals(PROGRAM, AXES, ("A",), np.zeros(4)) == []
 
 
 def block(rows: list[tuple[int, float, float]]) -> MoveBlock:
