@@ -24,6 +24,8 @@ from planner.quantize import NS_PER_S
 from planner.stream import Progress, StreamCounts, StreamSource
 from planner.types import Trajectory
 
+LATE_NS = 1_000_000
+"""A stage that begins this much after its time counts as late."""
 POLL_NS = 50_000_000
 """While a chip moves alone, a module of the buses is asked this often how it is."""
 
@@ -114,19 +116,20 @@ class IndexingSource:
                 continue
             if number:
                 self._yard.park()
-            yield from self._common(stage)
+            yield from self._common(stage, self._yard.lead_in_ns if number else 0)
 
     def _begin_ns(self, stage: Stage, needs_ns: int, now_ns: int) -> int:
         """When a stage begins: as planned, or later if it cannot any more."""
         planned_ns = self.plan_start_ns + self.shift_ns + round(stage.begin_s * NS_PER_S)
         late_ns = max(now_ns + needs_ns - planned_ns, 0)
         self.shift_ns += late_ns
-        self._late += late_ns > 0
+        self._late += late_ns > LATE_NS
         return planned_ns + late_ns
 
-    def _common(self, stage: Stage) -> Generator[Exchange, Evidence, None]:
+    def _common(self, stage: Stage, lead_in_ns: int) -> Generator[Exchange, Evidence, None]:
+        """lead_in_ns: to be kept from now to the stage's beginning; the first stage has been given its own."""
         clock = next(iter(self._yard.chips.values())).link
-        begin_ns = self._begin_ns(stage, self._yard.lead_in_ns, clock.now_ns())
+        begin_ns = self._begin_ns(stage, lead_in_ns, clock.now_ns())
         source = self._yard.make(Part(self.trajectory, stage.begin_s, stage.duration_s), begin_ns)
         self._present = source
         exchange = source.next(clock.now_ns(), None)

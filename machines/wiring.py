@@ -73,11 +73,17 @@ def every_motor(config: MachineConfig) -> list[Motor | Indexer]:
     return [*motors(config), *indexers(config)]
 
 
+PARK_EXCHANGES = 3
+"""What parking costs a motor at most: a stop, and its group twice."""
+
+
 def indexers(config: MachineConfig) -> list[Indexer]:
-    """Motors on CY545s, in the order of their lines: after a move the next stream needs its lead-in."""
+    """Motors on CY545s, in the order of their lines: after a move the others are parked and need their lead-in."""
     driven = motors(config)
     simulated = all(bus.port == "sim" for bus in config.bus.values())
-    lead_ns = max((lead_in_ns(driven, bus_timing(config, m.bus, simulated)) for m in driven), default=0)
+    timings = [bus_timing(config, motor.bus, simulated) for motor in driven]
+    lead_ns = max((lead_in_ns(driven, timing) for timing in timings), default=0)
+    lead_ns += sum(PARK_EXCHANGES * timing.worst_ns(2) for timing in timings)
     return [indexer_of(config, axis, table, lead_ns) for axis, table in cy545_tables(config).items()]
 
 
