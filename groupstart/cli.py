@@ -22,6 +22,7 @@ VERBS: dict[str, str] = {
     "estimate": "Tell how long programs take, by operation and tool.",
     "diff": "Compare the motion of two programs or two machines.",
     "regress": "Run a suite of jobs on machines against its baselines.",
+    "export": "Write a plan or a trace in the formats of other tools.",
     "run": "Run a program: on the simulated machine, or on a port.",
     "home": "Send axes to their machine zero.",
     "jog": "Move axes by a distance.",

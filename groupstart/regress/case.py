@@ -82,7 +82,7 @@ def run_case(case: Case) -> Result:
         return _failed(case, ran.fault)
     fields = [
         ("program.digest", text_digest(case.text)),
-        *(("machine." + key, value) for key, value in flat(config.model_dump())),
+        *(("machine." + key, value) for key, value in flat(config.model_dump(exclude_unset=True))),
         *_plan_fields(plan),
         *_run_fields(ran),
         *_verdict_fields(ran.verdict),
