@@ -1,7 +1,8 @@
 """A real port with a CY545 on it: data lines, and modem lines for INHIBIT_ABORT, the home switch and CTS.
 
-On the usual TTL adapter an asserted line is low at its pin, so "pull low" is "assert", and a switch to ground on an
-input reads as asserted.
+The chip may move only while its line is asserted: not asserted means INHIBIT_ABORT low. When this program dies, its
+port closes, the system drops the line, and the chip stops even in continuous mode. A switch to ground on an input reads
+as asserted.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ class Cy545SerialLink(SerialLink):
             raise
 
     def pull_abort(self, low: bool) -> None:
-        """Assert the line that is wired to INHIBIT_ABORT; nothing if none is."""
+        """Drop the line that holds INHIBIT_ABORT high, or assert it; nothing if none is wired."""
         if self._abort_line != "none":
             with self._told(self._abort_line):
-                setattr(self._port, self._abort_line, low)
+                setattr(self._port, self._abort_line, not low)
 
     def switch_closed(self) -> bool:
         """Whether the line with the home switch is asserted; False if none is named."""

@@ -23,9 +23,9 @@ def test_lines_go_where_the_machine_file_says(terminal: str) -> None:
     real = link._port
     link._port = SimpleNamespace(rts=False, dtr=False, cts=True, dsr=False, cd=False, ri=False)
     link._abort_line, link._home_line, link._cts = "dtr", "dsr", True
-    link.pull_abort(True)
-    assert (link._port.dtr, link._port.rts) == (True, False)
     link.pull_abort(False)
+    assert (link._port.dtr, link._port.rts) == (True, False)
+    link.pull_abort(True)  # what also happens when the port is closed
     assert link._port.dtr is False
     assert not link.switch_closed()
     link._port.dsr = True
