@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -138,3 +139,75 @@ def _timed(path: CubicSpline, reach: float, feed_mm_s: float, axes: int) -> tupl
 
     names = ("X", "Y", "Z", "A", "B", "C")[:axes]
     return ClosedForm(names, float(t[-1]), q), float(t[-1])
+
+
+@dataclass(frozen=True)
+class Resting:
+    """When a hold comes to rest."""
+
+    time_s: float
+
+
+class Warped:
+    """A closed form whose time can be stretched: hold and resume with 300 mm/s2 along the path at the given feed."""
+
+    def __init__(self, base: ClosedForm, feed_mm_s: float) -> None:
+        self.base = base
+        self.axes = base.axes
+        self.events: Sequence[Event] = ()
+        self._rate_per_s = 300.0 / feed_mm_s
+        self._pieces = [(0.0, 0.0, 1.0, 0.0)]  # from, base time, rate, change of rate
+        self._held_s: float | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """End of the path, or the rest of a hold."""
+        if self._held_s is not None:
+            return self._held_s
+        begin, tau, rate, _ = self._pieces[-1]
+        return begin + (self.base.duration_s - tau) / rate
+
+    def hold(self, sent_s: float) -> Resting:
+        """Slow down to rest from ``sent_s`` on."""
+        rate = self._state(sent_s)[1]
+        self._append(sent_s, -self._rate_per_s)
+        self._held_s = sent_s + rate / self._rate_per_s
+        self._append(self._held_s, 0.0, rate=0.0)
+        return Resting(self._held_s)
+
+    def resume(self, sent_s: float) -> None:
+        """Speed up to the full rate from ``sent_s`` on."""
+        self._held_s = None
+        self._append(sent_s, self._rate_per_s)
+        self._append(sent_s + 1.0 / self._rate_per_s, 0.0, rate=1.0)
+
+    def _append(self, at_s: float, change: float, rate: float | None = None) -> None:
+        tau, now = self._state(at_s)
+        self._pieces.append((at_s, tau, now if rate is None else rate, change))
+
+    def _state(self, at_s: float) -> tuple[float, float]:
+        begin, tau, rate, change = self._pieces[-1]
+        u = at_s - begin
+        return tau + rate * u + 0.5 * change * u * u, rate + change * u
+
+    def _base_time(self, t_s: F8) -> F8:
+        begins = np.array([piece[0] for piece in self._pieces])
+        t = np.clip(t_s, 0.0, self.duration_s)
+        piece = np.array(self._pieces)[np.clip(np.searchsorted(begins, t, side="right") - 1, 0, len(begins) - 1)]
+        u = t - piece[:, 0]
+        return piece[:, 1] + piece[:, 2] * u + 0.5 * piece[:, 3] * u * u
+
+    def q(self, t_s: F8) -> F8:
+        return self.base.q(self._base_time(t_s))
+
+    def v(self, t_s: F8) -> F8:
+        return (self.q(t_s + 1e-6) - self.q(t_s - 1e-6)) / 2e-6
+
+    def a(self, t_s: F8) -> F8:
+        return (self.v(t_s + 1e-5) - self.v(t_s - 1e-5)) / 2e-5
+
+    def line(self, t_s: F8) -> I4:
+        return self.base.line(self._base_time(t_s))
+
+    def junctions_s(self) -> F8:
+        return np.array([piece[0] for piece in self._pieces] + [self.duration_s])

@@ -92,8 +92,10 @@ def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, B
     return simulation, bus, motors
 
 
-def stream(trajectory: Trajectory, conditions: Conditions, profile: Profile = "group") -> Outcome:
-    """Play the trajectory and compare what came out with it."""
+def stream(
+    trajectory: Trajectory, conditions: Conditions, profile: Profile = "group", holds_s: Sequence[float] = ()
+) -> Outcome:
+    """Play the trajectory and compare what came out with it. holds_s: when (s of the plan) to hold and then resume."""
     simulation, bus, motors = bring_up(trajectory.axes, conditions)
     link = bus.link
     timing = BusTiming.at(
@@ -104,7 +106,16 @@ def stream(trajectory: Trajectory, conditions: Conditions, profile: Profile = "g
     begin_ns, bytes_before = link.now_ns(), bus.counters.bytes_out + bus.counters.bytes_in
     start_ns = begin_ns + lead_in_ns(motors, timing)
     source = make_source(trajectory, motors, timing=timing, start_ns=start_ns, profile=profile)
-    packets = sum(1 for _ in play(bus, source))
+    packets = 0
+    waiting = list(holds_s)
+    for _ in play(bus, source):
+        packets += 1
+        now_s = (link.now_ns() - start_ns) * 1e-9
+        if source.holding:
+            source.resume()
+        elif waiting and now_s > waiting[0] and not source.held:
+            waiting.pop(0)
+            source.hold()
     end_ns = link.now_ns()
     bytes_used = bus.counters.bytes_out + bus.counters.bytes_in - bytes_before
     link.sleep_until(end_ns + 200_000_000)

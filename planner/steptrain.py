@@ -31,6 +31,8 @@ GAP_SHARE = 0.9
 APEX_OVERSHOOT_STEPS = 0.4
 APEX_GAP_S = 0.02
 NOISE_STEPS = 1e-6
+SETTLE_STEP_S = 1e-3
+"""Steps that make up a difference to the plan are this far apart."""
 _TAIL = 2 * round(APEX_GAP_S / SAMPLE_S)
 """Samples of the past that an apex across a chunk's border may need."""
 
@@ -67,13 +69,21 @@ class Train(Protocol):
 
 
 class StepTrain:
-    """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk."""
+    """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk.
 
-    def __init__(self, trajectory: Trajectory, motor: StepMotor) -> None:
+    from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step
+    nearest to the plan; the difference is made up, or saved, on the way.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, motor: StepMotor, from_s: float = 0.0, start_steps: int | None = None
+    ) -> None:
         self.motor = motor
         self.trajectory = trajectory
+        self.from_s = from_s
         self.column = trajectory.axes.index(motor.axis)
-        self.start_steps = nearest_step(float(trajectory.q(np.zeros(1))[0, self.column]), motor.steps_per_unit)
+        self._level = nearest_step(float(trajectory.q(np.array([from_s]))[0, self.column]), motor.steps_per_unit)
+        self.start_steps = self._level if start_steps is None else start_steps
         _, longest = period_range_ns(motor.speed_mode)
         self.gap_s = GAP_SHARE * longest / NS_PER_S
         self._legs = self._cut()
@@ -99,8 +109,12 @@ class StepTrain:
         """Chunks of (time, direction) of all steps, apex pairs removed; what may still pair is carried on."""
         times, directions = np.empty(0), np.empty(0, dtype=np.int64)
         seen_t, seen_p = np.empty(0), np.empty(0)
+        owed = self._level - self.start_steps
         for t, p in self._samples():
             more, direction, _ = step_crossings(t, p)
+            if owed:
+                more, direction = _settled(owed, self.from_s, more, direction)
+                owed = 0
             times = np.concatenate((times, more))
             directions = np.concatenate((directions, direction))
             seen_t, seen_p = np.concatenate((seen_t, t)), np.concatenate((seen_p, p))
@@ -114,10 +128,10 @@ class StepTrain:
 
     def _samples(self) -> Iterator[tuple[F8, F8]]:
         duration_s = self.trajectory.duration_s
-        total = max(int(np.ceil(duration_s / SAMPLE_S)), 1)
+        total = max(int(np.ceil((duration_s - self.from_s) / SAMPLE_S)), 1)
         size = round(CHUNK_S / SAMPLE_S)
         for first in range(0, total, size):
-            t = np.minimum(np.arange(first, min(first + size, total) + 1) * SAMPLE_S, duration_s)
+            t = np.minimum(self.from_s + np.arange(first, min(first + size, total) + 1) * SAMPLE_S, duration_s)
             yield t, self.trajectory.q(t)[:, self.column] * self.motor.steps_per_unit
 
     def _cut(self) -> Iterator[Leg]:
@@ -137,6 +151,17 @@ class StepTrain:
             times, directions = times[first:], directions[first:]
         if len(times):
             yield _leg(times, int(directions[0]), position)
+
+
+def _settled(owed: int, from_s: float, times: F8, directions: I8) -> tuple[F8, I8]:
+    """Steps with a difference made up: planned steps the other way are saved, the rest of it is stepped first."""
+    against = directions == -np.sign(owed)
+    saved = min(int(np.argmin(against)) if not against.all() else len(against), abs(owed))
+    count = abs(owed) - saved
+    first = from_s + SETTLE_STEP_S * np.arange(1, count + 1)
+    times = np.maximum.accumulate(np.concatenate((first, times[saved:])))
+    made = np.full(count, np.sign(owed), dtype=np.int64)
+    return times, np.concatenate((made, directions[saved:]))
 
 
 def _leg(times_s: F8, direction: int, start_steps: int) -> Leg:

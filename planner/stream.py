@@ -22,11 +22,14 @@ from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
 from planner.stream_exact import ExactSchedule, PieceTrain
 from planner.stream_group import GroupSchedule
+from planner.stream_hold import Retimed
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
 Profile = Literal["auto", "group", "adaptive", "exact", "stop-here", "smooth"]
 PROFILES: tuple[str, ...] = get_args(Profile)
+SENT_NS = 8_000_000
+"""What lies within this time of now counts as sent: loads on their way and periods that run."""
 LEAD_IN_NS = 50_000_000
 """Time between the first exchange and t = 0 of the plan: room to load every axis before the first Start."""
 
@@ -68,6 +71,44 @@ class StreamSource:
         except StopIteration:
             return None
         return self._with_line(exchange)
+
+    def hold(self) -> float:
+        """Come to rest along the path, as soon as the axes allow; returns the time of the rest in s of the plan.
+
+        The stream then keeps the machine standing and asks it how it is until ``resume``. Raises ValueError for a
+        trajectory that cannot be timed anew, or a profile that cannot hold.
+        """
+        schedule, trajectory = self._rate_control()
+        rest_s = trajectory.hold(self._sent_s())
+        schedule.retime(self.trajectory, self.plan_start_ns + round(rest_s.time_s * NS_PER_S))
+        return rest_s.time_s
+
+    def resume(self) -> None:
+        """Go on after a hold, from where the axes were read to be."""
+        schedule, trajectory = self._rate_control()
+        trajectory.resume(self._sent_s())
+        schedule.retime(self.trajectory, None)
+
+    @property
+    def held(self) -> bool:
+        """A hold has been asked for and not been resumed from."""
+        return isinstance(self._stream, AdaptiveSchedule) and self._stream.hold is not None
+
+    @property
+    def holding(self) -> bool:
+        """A hold is on and every axis has come to rest and been read."""
+        hold = self._stream.hold if isinstance(self._stream, AdaptiveSchedule) else None
+        return hold is not None and hold.read
+
+    def _sent_s(self) -> float:
+        return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S
+
+    def _rate_control(self) -> tuple[AdaptiveSchedule, Retimed]:
+        if not isinstance(self._stream, AdaptiveSchedule) or isinstance(self._stream, ExactSchedule):
+            raise ValueError("this profile cannot hold; adaptive, smooth and stop-here can")
+        if not isinstance(self.trajectory, Retimed):
+            raise ValueError("this trajectory cannot be timed anew")
+        return self._stream, self.trajectory
 
     def progress(self) -> Progress:
         """Where the plan stands at the last exchange."""

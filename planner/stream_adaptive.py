@@ -18,8 +18,10 @@ from nmc.program import Exchange
 from planner.stream_axis import StepAxis
 from planner.stream_base import COUNT_BYTES, NO_OPERATION, StepSchedule, Stream
 from planner.stream_feedback import Feedback
+from planner.stream_hold import Hold
 from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
+from planner.types import Trajectory
 
 WORTH_UM = 0.5
 """A load is sent only if it mends at least this much."""
@@ -28,6 +30,8 @@ HORIZON = 0.8
 LOOK_NS = 400_000
 """Step of the search for the next moment at which something is worth sending."""
 LOOK_AHEAD_NS = 20_000_000
+IDLE_NS = 20_000_000
+"""A held machine is asked how it is this often."""
 
 
 class AdaptiveSchedule(StepSchedule):
@@ -39,6 +43,8 @@ class AdaptiveSchedule(StepSchedule):
         self.servos: list[ServoLane] = []
         self.exchange_ns = timing.mean_exchange_ns(COUNT_BYTES)
         self.feedback = Feedback(self, axes)
+        self.hold: Hold | None = None
+        self._new_times: Trajectory | None = None
 
     def add_servo(self, lane: SmoothLane | StopHereLane) -> None:
         """A PIC-SERVO shares the bus; its loads are longer, and it has no part in group Starts."""
@@ -50,16 +56,42 @@ class AdaptiveSchedule(StepSchedule):
         """Lock onto the servo clocks, then play; a bus of steppers alone leaves every rest on a group Start."""
         for servo in self.servos:
             yield from servo.prelude()
-        if not self.servos:
-            yield from super().run()
-            return
-        yield from self.regroup({axis.motor.address for axis in self.axes})
+        if not all(lane.done for lane in self.lanes):
+            yield from self.regroup({axis.motor.address for axis in self.axes})
         while True:
             for lane in self.lanes:
                 lane.settle(self.now_ns)
-            if all(lane.done for lane in self.lanes):
+            self._take_new_times()
+            if self.hold is not None and self.hold.stands_at(self.now_ns):
+                yield from self.hold.stand()
+            elif not all(lane.done for lane in self.lanes) and (self.hold is None or not self.hold.read):
+                yield from self._play()
+            elif self.hold is not None:
+                yield Exchange(self.lanes[0].address, NO_OPERATION, send_at_ns=self.now_ns + IDLE_NS, bus=self.bus)
+            else:
                 return
+
+    def _play(self) -> Stream:
+        due = [ns for axis in self.axes if not axis.moving and (ns := axis.first_step_ns()) is not None]
+        if self.servos or not due or any(axis.moving for axis in self.axes):
             yield from self.proceed()
+        else:
+            yield from self.depart(min(due))
+
+    def retime(self, trajectory: Trajectory, rest_ns: int | None) -> None:
+        """The trajectory has new times after what was sent. rest_ns: when a hold comes to rest, None without one."""
+        self.hold = None if rest_ns is None else Hold(self, trajectory, rest_ns)
+        self._new_times = trajectory
+
+    def _take_new_times(self) -> None:
+        """Between two things said: a leg that is loaded but not started must not lose its place."""
+        if self._new_times is None:
+            return
+        for axis in self.axes:
+            axis.retime(self._new_times, self.now_ns)
+        for servo in self.servos:
+            servo.retime()
+        self._new_times = None
 
     def proceed(self) -> Stream:
         """The most urgent thing; or, if nothing is, whatever will be, at its time."""

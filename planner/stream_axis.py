@@ -10,11 +10,14 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass
 
+import numpy as np
+
 from nmc.budget import BusTiming
 from nmc.twin import StepTimerTwin
 from planner.motors import StepMotor
-from planner.quantize import count_of_period, nearest_speed, period_of_count_ns, period_range_ns
-from planner.steptrain import Leg, Train
+from planner.quantize import NS_PER_S, count_of_period, nearest_speed, period_of_count_ns, period_range_ns
+from planner.steptrain import Leg, StepTrain, Train
+from planner.types import Trajectory
 
 LOAD_TRAJECTORY = 0x4
 LOAD_POSITION, LOAD_TIMER_COUNT, REVERSE, START_NOW = 0x01, 0x08, 0x10, 0x80
@@ -41,7 +44,7 @@ class StepAxis:
     """State of one axis of a stream. All instants are link time in ns."""
 
     def __init__(self, train: Train, timing: BusTiming, start_ns: int) -> None:
-        self.train = train
+        self.train: Train = train
         self.motor: StepMotor = train.motor
         self.timing = timing
         self.start_ns = start_ns
@@ -52,6 +55,8 @@ class StepAxis:
         self.last_direction = 0
         self.stop_motor_sent = True
         self.in_stream = False
+        self.halts = False
+        self._last_ns = 0
 
     # --- what the axis is doing -----------------------------------------------------------------------------------
 
@@ -74,6 +79,7 @@ class StepAxis:
         assert self.leg is not None
         self.position_steps = self.leg.stop_steps
         self.last_direction = self.leg.direction
+        self._last_ns = self.leg.instants_ns[-1]
         self.leg = None
 
     def likely_stopped_at(self, now_ns: int) -> bool:
@@ -178,13 +184,14 @@ class StepAxis:
         leg = self.leg
         assert leg is not None
         next_ns, left = self.twin.nominal.ahead(execute_ns)
-        if left <= 1:
-            return self.twin.nominal.period_ns
-        due = len(leg.instants_ns) - left
+        due = abs(leg.stop_steps - leg.start_steps) - left
+        wanted = len(leg.instants_ns)
+        if due >= wanted - 1:
+            return self.period_max_ns if self.halts else self.twin.nominal.period_ns
         aim = min(bisect_left(leg.instants_ns, target_ns - self.start_ns), len(leg.instants_ns) - 1)
         aim = max(aim, due + 1)
         period_ns = (leg.instants_ns[aim] + self.start_ns - next_ns) // (aim - due)
-        even_ns = (leg.instants_ns[-1] + self.start_ns - next_ns) // (left - 1)
+        even_ns = (leg.instants_ns[-1] + self.start_ns - next_ns) // (wanted - 1 - due)
         gaps = leg.gaps_ns[max(due - 1, 0) : aim + 1]
         period_ns = min(period_ns, max(even_ns, int(max(gaps) * CATCH_UP)))
         return max(period_ns, int(min(gaps) / CATCH_UP))
@@ -201,6 +208,44 @@ class StepAxis:
         tail = count.to_bytes(2, "little") + bytes((nearest_speed(period_ns, mode),))
         return bytes((control,)) + position + tail, Load(period_ns, leg)
 
+    # --- new times for the same path -------------------------------------------------------------------------------
+
+    def retime(self, trajectory: Trajectory, now_ns: int) -> None:
+        """The trajectory has new times after what was sent: the steps to come get new instants.
+
+        The stop position of a running leg stands in the chip. If the new times end before it (a hold), the axis
+        *halts*: behind the last wanted step the longest count is loaded, and a Stop Motor ends the leg in that gap.
+        """
+        leg = self.leg
+        if leg is None:
+            self.train = StepTrain(trajectory, self.motor, max(self._last_ns, 0) / NS_PER_S, self.position_steps)
+            return
+        made = min(max(self.twin.done(now_ns), 1), len(leg.instants_ns))
+        level = leg.start_steps + leg.direction * made
+        self.train = StepTrain(trajectory, self.motor, (leg.instants_ns[made - 1] + 1) / NS_PER_S, level)
+        instants = leg.instants_ns[:made]
+        left = abs(leg.stop_steps - level)
+        ahead = self.train.peek()
+        if left and ahead is not None and ahead.direction == leg.direction:
+            instants = instants + self.train.pop().instants_ns[:left]
+            if len(ahead) > left:  # beyond the stop that the chip holds a new leg begins
+                last_s = (instants[-1] + 1) / NS_PER_S
+                self.train = StepTrain(trajectory, self.motor, last_s, leg.stop_steps)
+        times = np.array(instants, dtype=np.int64)
+        self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
+        self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
+
+    def halted(self, position_steps: int, trajectory: Trajectory, now_ns: int) -> None:
+        """A Stop Motor has been executed and the counter read: what is left begins from here."""
+        if self.leg is not None:
+            self.last_direction = self.leg.direction
+        self.leg = None
+        self.halts = False
+        self.stop_motor_sent = True
+        self.position_steps = position_steps
+        self._last_ns = max(now_ns - self.start_ns, 0)
+        self.train = StepTrain(trajectory, self.motor, self._last_ns / NS_PER_S, position_steps)
+
     # --- what has happened -----------------------------------------------------------------------------------------
 
     def executed(self, load: Load, earliest_ns: int, latest_ns: int) -> None:
@@ -212,3 +257,4 @@ class StepAxis:
         assert self.leg is load.leg
         self.stop_motor_sent = False
         self.twin.start(earliest_ns, latest_ns, load.period_ns, len(self.leg))
+        self.halts = False

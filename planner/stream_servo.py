@@ -77,6 +77,10 @@ class ServoLane:
         complete_ns = send_ns + self.timing.command_ns(data_bytes) + self.timing.jitter_max_ns // 2
         return self.clock.next_after(complete_ns)
 
+    def retime(self) -> None:
+        """The trajectory has new times: look everything up again."""
+        self.track.forget()
+
     def settle(self, now_ns: int) -> None:
         """A servo lane learns nothing from time alone."""
 
@@ -134,6 +138,12 @@ class SmoothLane(ServoLane):
         self.tick = 0
         self.resting = True
         self._leaves_ns = self._next_leaving(start_ns)
+
+    def retime(self) -> None:
+        """A resting axis must look again when the plan leaves its place."""
+        super().retime()
+        if self.resting:
+            self._leaves_ns = self._next_leaving(self.schedule.now_ns)
 
     @property
     def moving(self) -> bool:

@@ -26,6 +26,12 @@ class Track:
         self._first = -1
         self._chunk: F8 = np.empty(0)
 
+    def forget(self) -> None:
+        """The trajectory has changed after now: sample it again."""
+        self.end_ns = self.start_ns + round(self.trajectory.duration_s * NS_PER_S)
+        self._first = -1
+        self._chunk = np.empty(0)
+
     def at(self, time_ns: float) -> float:
         """Position at a link time, clamped to the plan, in motor units."""
         place = min(max(time_ns, self.start_ns), self.end_ns) - self.start_ns

@@ -1,0 +1,56 @@
+"""Feed hold on a running stream: rest on the path, nothing against the data sheets, the end exact to the step."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from benchmarks.paths import ClosedForm, Warped, circle, random_path
+from benchmarks.rig import Conditions, stream
+
+PATHS = {
+    "circle 50 mm at 20": (lambda: circle(25.0, 20.0), 20.0, 4.5),
+    "circle 50 mm at 60": (lambda: circle(25.0, 60.0), 60.0, 4.5),
+    "random at 20": (lambda: random_path(1, 20.0, duration_s=3.0), 20.0, 3.0),
+    "random at 60": (lambda: random_path(2, 60.0, duration_s=3.0), 60.0, 4.5),
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize("seed", range(3))
+def test_hold_and_resume_end_exact(name: str, seed: int) -> None:
+    make, feed, steps = PATHS[name]
+    base: ClosedForm = make()
+    at_s = float(np.random.default_rng(seed).uniform(0.2, base.duration_s - 0.3))
+    outcome = stream(Warped(base, feed), Conditions(seed=seed), "adaptive", [at_s])
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+    assert outcome.contour.contour_steps.max <= steps
+    assert outcome.contour.sim_time_s > base.duration_s  # the hold took its time
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_holds_with_a_hesitating_host_end_exact(seed: int) -> None:
+    base = random_path(seed, 60.0, duration_s=3.0)
+    holds = sorted(np.random.default_rng(seed).uniform(0.2, 2.5, 2).tolist())
+    outcome = stream(Warped(base, 60.0), Conditions(jitter_ms=2.0, seed=seed), "adaptive", holds)
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+
+
+@pytest.mark.parametrize("profile", ["smooth", "stop-here"])
+def test_servos_hold_as_well(profile: str) -> None:
+    path = Warped(circle(2.0, 20.0), 20.0)
+    outcome = stream(path, Conditions(servos=("X", "Y", "Z")), profile, [0.3])
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+
+
+def test_profiles_and_trajectories_without_rate_control_say_so() -> None:
+    with pytest.raises(ValueError, match="profile cannot hold"):
+        stream(Warped(circle(2.0, 20.0), 20.0), Conditions(), "group", [0.2])
+    with pytest.raises(ValueError, match="cannot be timed anew"):
+        stream(circle(2.0, 20.0), Conditions(), "adaptive", [0.2])
