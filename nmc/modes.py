@@ -157,6 +157,7 @@ class StepTracker(Tracker):
         self.stop_issued = True  # since the last motion; power-up counts as such
         self.held = 0  # of LOAD_SPEED and LOAD_ACCELERATION: what a started load has given the chip
         self.stopping = False
+        self.at_known_rest = False  # ``position`` was read, or set to 0, since the last start and at rest
         self.loaded = 0
         self.loaded_goal: Mode | None = None
         self.fresh = False
@@ -202,10 +203,19 @@ class StepTracker(Tracker):
             )
         self._check_held(goal, control)
         if control & LOAD_POSITION and self.position is not None:
-            distance = int.from_bytes(data[1:5], "little", signed=True) - self.position
-            if abs(distance) > POSITION_MAX:
-                raise self.fault(f"the goal is {distance} steps away, more than 0x7FFFFFFF", "5.1 Load Trajectory")
+            self._check_distance(int.from_bytes(data[1:5], "little", signed=True) - self.position, goal, control)
         self._intended = goal
+
+    def _check_distance(self, distance: int, goal: Mode, control: int) -> None:
+        """The position is known: not too far, not nowhere, and the direction bit must not point away from the stop."""
+        if abs(distance) > POSITION_MAX:
+            raise self.fault(f"the goal is {distance} steps away, more than 0x7FFFFFFF", "5.1 Load Trajectory")
+        if not self.at_known_rest:
+            return
+        if distance == 0:
+            raise self.fault("a move of no length: the sheet does not say what the chip does", "5.1 Load Trajectory")
+        if goal is Mode.UNPROFILED_STOP and (distance < 0) is not bool(control & LOAD_REVERSE):
+            raise self.fault(f"the stop is {distance} steps away but the direction bit points the other way", "4.1")
 
     def _check_held(self, goal: Mode, control: int) -> None:
         """A profile needs a speed and an acceleration; a load that is overwritten before its start gave none."""
@@ -275,7 +285,7 @@ class StepTracker(Tracker):
         elif command == SET_PARAMETERS:
             self.parameters_set = True
         elif command == RESET_POSITION:
-            self.position = 0
+            self.position, self.at_known_rest = 0, True
         else:
             super().executed(command, data)
 
@@ -291,7 +301,7 @@ class StepTracker(Tracker):
             reverse = None  # the sign of the distance decides; a trapezoid may follow in any direction
         self.held |= self.loaded & (LOAD_SPEED | LOAD_ACCELERATION)
         self.mode, self.reverse, self.stop_issued = goal, reverse, False
-        self.position = None
+        self.position, self.at_known_rest = None, False
 
     def _stop(self, control: int) -> None:
         if control & STOP_ABRUPTLY:
@@ -307,6 +317,8 @@ class StepTracker(Tracker):
     def seen(self, status: int, extra: bytes, mask: int) -> None:
         """A clear moving bit means Stopped, whatever led there."""
         super().seen(status, extra, mask)
+        if mask & 1:
+            self.at_known_rest = not status & STATUS_MOVING
         if not status & STATUS_MOVING:
             self.at_rest()
             if self.unsure:
@@ -339,7 +351,7 @@ class StepTracker(Tracker):
         elif command == SET_PARAMETERS:
             self.parameters_set = False
         elif command == RESET_POSITION:
-            self.position = None
+            self.position, self.at_known_rest = None, False
 
     def at_rest(self) -> None:
         """Stopped by reaching its stop position, a limit, or the end of a ramp."""

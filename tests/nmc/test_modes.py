@@ -231,6 +231,27 @@ def test_goal_distance_is_at_most_the_largest_position() -> None:
     tracker.check(LOAD, load(0x7FFFFFFF - 10, 10, 10))
 
 
+def test_a_stop_position_behind_the_direction_is_refused() -> None:
+    tracker = in_mode(Mode.STOPPED)
+    tracker.seen(REST, (100).to_bytes(4, "little"), 1)
+    tracker.check(LOAD, load(200, count=60000))
+    tracker.check(LOAD, load(0, count=60000, flags=0x10))
+    for bad in (load(0, count=60000), load(200, count=60000, flags=0x10)):
+        with pytest.raises(LocalFault, match="points the other way"):
+            tracker.check(LOAD, bad)
+
+
+def test_a_move_of_no_length_is_refused_where_the_position_is_known() -> None:
+    tracker = in_mode(Mode.STOPPED)
+    tracker.executed(0, b"")
+    for nowhere in (load(0, 10, 10), load(0, count=60000)):
+        with pytest.raises(LocalFault, match="no length"):
+            tracker.check(LOAD, nowhere)
+    send(tracker, LOAD, load(5, count=60000, flags=0x80), REST)
+    tracker.at_rest()
+    tracker.check(LOAD, load(0, 10, 10))
+
+
 SERVO_DONE, SERVO_BUSY = 0x09, 0x08
 
 
