@@ -106,9 +106,7 @@ def jerk(jobs: dict[str, list[Command]]) -> None:
             cells.append(f"{cost:14.2f} %  {m.deviation_mm * 1e3:5.2f}   {m.miss_mm * 1e3:5.2f}  {share:5.3f}")
         print(job, " ".join(cells))
     limits = replace(LIMITS, jerk=JERK)
-    print(
-        "\nJerk limits 10000/10000/4000 mm/s3: width chosen for the program, time, deviation, largest share of the limit"
-    )
+    print("\nJerk limits 10000/10000/4000 mm/s3: width chosen, time, deviation, largest share of the limit")
     for job, commands in jobs.items():
         t = plan(commands, limits, start=START, solver="kernel").trajectory
         m = checked(t, moves_of(commands))

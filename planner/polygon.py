@@ -271,9 +271,9 @@ def _filter_cap(moves: Moves, rules: PathRules, net_mm: F8, move: I4, bend: tupl
     if tau <= 0:
         return cap
     share = np.where(moves.mode < MODE_CONTINUOUS, rules.tolerance_mm * _usable(rules), net_mm)
-    left = np.append(share[move], share[-1])
-    left[1:] = np.minimum(left[1:], share[move])
-    left = np.maximum(left - miss, 0.0)
+    # a corner has the tolerance of the move that ends there, as its blend has
+    left = np.append(share[:1], share[move])
+    left = np.maximum(left - miss, 0.01 * left)
     turn = np.linalg.norm(dt, axis=1)
     most = _most_acceleration(dt, rules)
     k = np.flatnonzero((leg > 0) & (turn > SMOOTH) & (most * tau**2 / 24 > left))
