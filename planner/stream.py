@@ -28,6 +28,7 @@ from planner.types import Trajectory
 
 Profile = Literal["auto", "group", "adaptive", "exact", "stop-here", "smooth"]
 PROFILES: tuple[str, ...] = get_args(Profile)
+LINE_NS = 5_000_000
 SENT_NS = 8_000_000
 """What lies within this time of now counts as sent: loads on their way and periods that run."""
 LEAD_IN_NS = 50_000_000
@@ -62,6 +63,7 @@ class StreamSource:
         self._stream = stream
         self._run = stream.run()
         self._now_ns = 0
+        self._line, self._line_ns = 0, -LINE_NS
 
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
         """The next exchange, or None when every leg is done."""
@@ -127,9 +129,12 @@ class StreamSource:
         return StreamCounts(slices, self._stream.late_slices, span_ns / 1e6 / slices if slices else 0.0)
 
     def _with_line(self, exchange: Exchange) -> Exchange:
-        time_s = (max(exchange.send_at_ns, self._now_ns) - self.plan_start_ns) / NS_PER_S
-        line = int(self.trajectory.line(np.array([time_s]))[0])
-        return replace(exchange, line=line)
+        """Name the line that the exchange serves, looked up anew every few milliseconds of the plan."""
+        at_ns = max(exchange.send_at_ns, self._now_ns)
+        if not 0 <= at_ns - self._line_ns < LINE_NS:
+            time_s = (at_ns - self.plan_start_ns) / NS_PER_S
+            self._line, self._line_ns = int(self.trajectory.line(np.array([time_s]))[0]), at_ns
+        return replace(exchange, line=self._line)
 
 
 def lead_in_ns(motors: Sequence[Motor], timing: BusTiming) -> int:

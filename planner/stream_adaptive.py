@@ -28,7 +28,7 @@ WORTH_UM = 0.5
 HORIZON = 0.8
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
 LOOK_NS = 400_000
-"""Step of the search for the next moment at which something is worth sending."""
+"""First step of the search for the next moment at which something is worth sending; it grows by a quarter a step."""
 LOOK_AHEAD_NS = 20_000_000
 IDLE_NS = 20_000_000
 """A held machine is asked how it is this often."""
@@ -139,13 +139,15 @@ class AdaptiveSchedule(StepSchedule):
         limit_ns = min([self.now_ns + LOOK_AHEAD_NS, *ends])
         if first is not None:
             limit_ns = min(limit_ns, first[0] - self.timing.worst_ns(COUNT_BYTES))
-        at_ns = self.now_ns + LOOK_NS
+        look_ns = LOOK_NS
+        at_ns = self.now_ns + look_ns
         while at_ns < limit_ns:
             lane = self._most_urgent(Turn(at_ns, horizon_ns))
             if lane is not None:
                 yield from lane.mend(Turn(at_ns, horizon_ns))
                 return
-            at_ns += LOOK_NS
+            look_ns += LOOK_NS // 4
+            at_ns += look_ns
         if first is not None and first[0] <= at_ns + self.timing.worst_ns(COUNT_BYTES):
             yield from first[1].keep(Turn(max(first[0], self.now_ns), horizon_ns))
             return

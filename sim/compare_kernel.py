@@ -11,6 +11,26 @@ from numba import njit
 F8 = npt.NDArray[np.float64]
 
 
+BLOCK = 16
+"""Segments that share one bounding box."""
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def boxes(knots: F8) -> tuple[F8, F8]:
+    """Bounding boxes of runs of ``BLOCK`` segments: least and greatest corner, f8[blocks, A] each."""
+    segments, axes = len(knots) - 1, knots.shape[1]
+    count = (segments + BLOCK - 1) // BLOCK
+    low, high = np.empty((count, axes)), np.empty((count, axes))
+    for block in range(count):
+        first, last = block * BLOCK, min((block + 1) * BLOCK, segments)
+        for a in range(axes):
+            least, greatest = knots[first, a], knots[first, a]
+            for i in range(first, last + 1):
+                least, greatest = min(least, knots[i, a]), max(greatest, knots[i, a])
+            low[block, a], high[block, a] = least, greatest
+    return low, high
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def distances(
     time_s: F8, pins: F8, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64], knots_s: F8, knots: F8
@@ -18,27 +38,44 @@ def distances(
     """Least distance of pins[k] from the polyline ``knots`` between segments first[k] and last[k].
 
     time_s f8[K], pins f8[K, A], knots_s f8[N], knots f8[N, A]; returns distance f8[K] in the units of the coordinates
-    and the time f8[K] of the nearest point (the nearest in time among equals).
+    and the time f8[K] of the nearest point (the nearest in time among equals). The search begins where the last pin
+    was nearest; runs of segments whose bounding box is further away than what was found are passed over.
     """
     count, axes = pins.shape
-    distance = np.empty(count)
-    nearest_s = np.empty(count)
+    low, high = boxes(knots)
+    distance, nearest_s = np.empty(count), np.empty(count)
+    near = 0
     for k in range(count):
         best, best_s = math.inf, time_s[k]
-        for i in range(first[k], last[k]):
-            along, length2 = 0.0, 0.0
-            for a in range(axes):
-                edge = knots[i + 1, a] - knots[i, a]
-                along += (pins[k, a] - knots[i, a]) * edge
-                length2 += edge * edge
-            u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
-            d2 = 0.0
-            for a in range(axes):
-                gap = pins[k, a] - knots[i, a] - u * (knots[i + 1, a] - knots[i, a])
-                d2 += gap * gap
-            at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
-            if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
-                best, best_s = d2, at_s
+        blocks_from, blocks_to = first[k] // BLOCK, (last[k] - 1) // BLOCK
+        near = min(max(near, blocks_from), blocks_to)
+        at_block = near
+        for turn in range(-1, blocks_to - blocks_from + 1):
+            block = near if turn < 0 else blocks_from + turn
+            if turn >= 0:
+                if block == near:
+                    continue
+                far = 0.0
+                for a in range(axes):
+                    gap = max(low[block, a] - pins[k, a], pins[k, a] - high[block, a], 0.0)
+                    far += gap * gap
+                if far > best:
+                    continue
+            for i in range(max(block * BLOCK, first[k]), min((block + 1) * BLOCK, last[k])):
+                along, length2 = 0.0, 0.0
+                for a in range(axes):
+                    edge = knots[i + 1, a] - knots[i, a]
+                    along += (pins[k, a] - knots[i, a]) * edge
+                    length2 += edge * edge
+                u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
+                d2 = 0.0
+                for a in range(axes):
+                    gap = pins[k, a] - knots[i, a] - u * (knots[i + 1, a] - knots[i, a])
+                    d2 += gap * gap
+                at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
+                if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
+                    best, best_s, at_block = d2, at_s, block
+        near = at_block
         distance[k] = math.sqrt(best)
         nearest_s[k] = best_s
     return distance, nearest_s
