@@ -32,7 +32,7 @@ class Refusal:
 
     def setup(self, file: str) -> Setup:
         """The setup it is meant for."""
-        return Setup(tools=_TOOLS, dialect=self.dialect, file=file, max_steps=5000)
+        return Setup(tools=_TOOLS, dialect=self.dialect, file=file, max_steps=50_000)
 
 
 def read_refusal(text: str) -> Refusal:

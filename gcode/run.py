@@ -43,6 +43,12 @@ ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208",
 """Reported once a file: the cure of the first is the cure of all."""
 
 
+LINE_COST = 10
+"""A line that the interpreter executes counts as much as ten of a compiled loop."""
+FATAL = frozenset({"GC084"})
+"""After these nothing more is checked: what follows is their echo, and may take for ever."""
+
+
 class Run:
     """One interpretation of one program. ``diagnostics`` grows as lines are executed."""
 
@@ -62,6 +68,7 @@ class Run:
         self._uncertain: set[int] = set()
         self._steps = 0
         self._modal_macro: dict[str, float] | None = None
+        self._modal_level = 0
         self._hot: HotLoops | None = None
         self._passes = 0
         self.machine.run_text = self._run_text
@@ -266,7 +273,7 @@ class Run:
 
     def _execute_line(self, number: int, text: str, program: Program | None) -> None:
         self._line_number = number
-        self._steps += 1
+        self._steps += LINE_COST
         name = program.name if program is not None else self.setup.file
         notes: tuple[GcodeError, ...] = ()
         block: Block | None = None
@@ -320,7 +327,8 @@ class Run:
             raise
         if self._uncertain and block.motion in {0, 10} and not machine.state.incremental:
             self._uncertain -= {AXIS_INDEX[letter] for letter in AXIS_LETTERS & block.words.keys()}
-        if self._modal_macro is not None and block.motion in {0, 10, 20, 30}:
+        at_its_level = len(self.flow.calls) == self._modal_level
+        if self._modal_macro is not None and at_its_level and block.motion in {0, 10, 20, 30}:
             self.flow.g65(self._modal_macro)
         return block
 
@@ -332,6 +340,7 @@ class Run:
                 self.flow.g65(block.words)
             else:
                 self._modal_macro = dict(block.words) if code == 660 else None
+                self._modal_level = len(self.flow.calls)
             return True
         number = is_call(line)
         if number == 97 and self.dialect.macro_b:
@@ -419,6 +428,7 @@ class Run:
         """Notes a diagnostic, unless it is only a consequence of an earlier one or was reported before."""
         if severity == "error":
             self.failed = True
+            self.machine.finished |= error.code in FATAL
             if error.code == "GC044" and self._uncertain:
                 return
         if error.code in ONCE:

@@ -40,7 +40,8 @@ class Setup:
     start: where the machine stands, absolute mm and degrees. machine_units: of tools and parameters.
     axes: the axes that the machine has. block_delete: the switches that are on (1 is ``/``).
     file: the name in diagnostics. include: folders of subprogram files. ini: what ``#<_ini[section]name>`` reads.
-    max_errors, max_steps: a check ends after so many errors, a run after so many executed lines.
+    max_errors: a check ends after so many. max_steps: a run ends after so many lines of compiled loops, or a tenth of
+    it of other lines.
     """
 
     tools: Mapping[int, Tool] | None = None
