@@ -168,8 +168,8 @@ class Cy545MotorTable(Table):
     """A motor behind a CY545: a serial port of its own (``bus``), no address.
 
     ``rate_table``: a CSV file, or the shipped stand-in. ``crystal_mhz``: of the chip. ``abort_line``: output of the
-    port that holds INHIBIT_ABORT high while it is asserted, ``home_line``: input with the home switch, ``cts``: CTS is wired.
-    ``command_gap_ms``: rest after each command.
+    port that holds INHIBIT_ABORT high while it is asserted, ``home_line``: input with the home switch, ``cts``: CTS is
+    wired. ``command_gap_ms``: rest after each command.
     """
 
     chip: Literal["cy545"]
