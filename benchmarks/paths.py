@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from planner.timing import Rate
 from planner.types import F8, I4, Event
 
 
@@ -180,6 +181,13 @@ class Warped:
         self._held_s = None
         self._append(sent_s, self._rate_per_s)
         self._append(sent_s + 1.0 / self._rate_per_s, 0.0, rate=1.0)
+
+    def override(self, sent_s: float, rate: Rate) -> None:
+        """Go over to a feed override from ``sent_s`` on."""
+        now = self._state(sent_s)[1]
+        change = self._rate_per_s if rate.feed > now else -self._rate_per_s
+        self._append(sent_s, change)
+        self._append(sent_s + (rate.feed - now) / change, 0.0, rate=rate.feed)
 
     def _append(self, at_s: float, change: float, rate: float | None = None) -> None:
         tau, now = self._state(at_s)

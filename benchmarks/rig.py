@@ -18,6 +18,7 @@ from nmc.setup import ModuleExpectation, start_up
 from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import speed_mode_for
 from planner.stream import Profile, StreamCounts, lead_in_ns, make_source
+from planner.timing import Rate
 from planner.types import Trajectory
 from sim.build import Simulation, build
 from sim.compare import Contour, Reference, compare_pins
@@ -93,9 +94,16 @@ def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, B
 
 
 def stream(
-    trajectory: Trajectory, conditions: Conditions, profile: Profile = "group", holds_s: Sequence[float] = ()
+    trajectory: Trajectory,
+    conditions: Conditions,
+    profile: Profile = "group",
+    holds_s: Sequence[float] = (),
+    overrides: Sequence[tuple[float, float]] = (),
 ) -> Outcome:
-    """Play the trajectory and compare what came out with it. holds_s: when (s of the plan) to hold and then resume."""
+    """Play the trajectory and compare what came out with it. holds_s: when (s of the plan) to hold and then resume.
+
+    overrides: (s of the plan, feed override).
+    """
     simulation, bus, motors = bring_up(trajectory.axes, conditions)
     link = bus.link
     timing = BusTiming.at(
@@ -107,7 +115,7 @@ def stream(
     start_ns = begin_ns + lead_in_ns(motors, timing)
     source = make_source(trajectory, motors, timing=timing, start_ns=start_ns, profile=profile)
     packets = 0
-    waiting = list(holds_s)
+    waiting, rates = list(holds_s), list(overrides)
     for _ in play(bus, source):
         packets += 1
         now_s = (link.now_ns() - start_ns) * 1e-9
@@ -116,6 +124,8 @@ def stream(
         elif waiting and now_s > waiting[0] and not source.held:
             waiting.pop(0)
             source.hold()
+        elif rates and now_s > rates[0][0] and not source.held:
+            source.override(Rate(feed=rates.pop(0)[1]))
     end_ns = link.now_ns()
     bytes_used = bus.counters.bytes_out + bus.counters.bytes_in - bytes_before
     link.sleep_until(end_ns + 200_000_000)

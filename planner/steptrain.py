@@ -59,6 +59,7 @@ class Train(Protocol):
     """Where an axis gets its legs from."""
 
     motor: StepMotor
+    trajectory: Trajectory
     start_steps: int
 
     def peek(self) -> Leg | None:

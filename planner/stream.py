@@ -24,6 +24,7 @@ from planner.stream_exact import ExactSchedule, PieceTrain
 from planner.stream_group import GroupSchedule
 from planner.stream_hold import Retimed
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
+from planner.timing import Rate
 from planner.types import Trajectory
 
 Profile = Literal["auto", "group", "adaptive", "exact", "stop-here", "smooth"]
@@ -91,6 +92,16 @@ class StreamSource:
         trajectory.resume(self._sent_s())
         schedule.retime(self.trajectory, None)
 
+    def override(self, rate: Rate) -> None:
+        """Feed and rapid override of everything that has not been sent; while held it counts from the resume on.
+
+        Raises ValueError as ``hold`` does, PlanError for a rate outside its range.
+        """
+        schedule, trajectory = self._rate_control()
+        trajectory.override(self._sent_s(), rate)
+        if schedule.hold is None:
+            schedule.retime(self.trajectory, None)
+
     @property
     def held(self) -> bool:
         """A hold has been asked for and not been resumed from."""
@@ -100,7 +111,7 @@ class StreamSource:
     def holding(self) -> bool:
         """A hold is on and every axis has come to rest and been read."""
         hold = self._stream.hold if isinstance(self._stream, AdaptiveSchedule) else None
-        return hold is not None and hold.read
+        return hold is not None and hold.stands
 
     def _sent_s(self) -> float:
         return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S

@@ -62,9 +62,10 @@ class AdaptiveSchedule(StepSchedule):
             for lane in self.lanes:
                 lane.settle(self.now_ns)
             self._take_new_times()
-            if self.hold is not None and self.hold.stands_at(self.now_ns):
-                yield from self.hold.stand()
-            elif not all(lane.done for lane in self.lanes) and (self.hold is None or not self.hold.read):
+            over = all(lane.done for lane in self.lanes)
+            if self.hold is not None and over and self.now_ns > self.hold.rest_ns:
+                self.hold.stands = True
+            if not over:
                 yield from self._play()
             elif self.hold is not None:
                 yield Exchange(self.lanes[0].address, NO_OPERATION, send_at_ns=self.now_ns + IDLE_NS, bus=self.bus)
@@ -80,7 +81,7 @@ class AdaptiveSchedule(StepSchedule):
 
     def retime(self, trajectory: Trajectory, rest_ns: int | None) -> None:
         """The trajectory has new times after what was sent. rest_ns: when a hold comes to rest, None without one."""
-        self.hold = None if rest_ns is None else Hold(self, trajectory, rest_ns)
+        self.hold = None if rest_ns is None else Hold(rest_ns)
         self._new_times = trajectory
 
     def _take_new_times(self) -> None:

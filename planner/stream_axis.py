@@ -45,6 +45,7 @@ class StepAxis:
 
     def __init__(self, train: Train, timing: BusTiming, start_ns: int) -> None:
         self.train: Train = train
+        self.trajectory = train.trajectory
         self.motor: StepMotor = train.motor
         self.timing = timing
         self.start_ns = start_ns
@@ -216,6 +217,7 @@ class StepAxis:
         The stop position of a running leg stands in the chip. If the new times end before it (a hold), the axis
         *halts*: behind the last wanted step the longest count is loaded, and a Stop Motor ends the leg in that gap.
         """
+        self.trajectory = trajectory
         leg = self.leg
         if leg is None:
             self.train = StepTrain(trajectory, self.motor, max(self._last_ns, 0) / NS_PER_S, self.position_steps)
@@ -235,16 +237,24 @@ class StepAxis:
         self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
 
-    def halted(self, position_steps: int, trajectory: Trajectory, now_ns: int) -> None:
-        """A Stop Motor has been executed and the counter read: what is left begins from here."""
-        if self.leg is not None:
-            self.last_direction = self.leg.direction
+    def halt_ns(self) -> int:
+        """Of an axis that halts: the instant by which even the slowest chip has made the last wanted step."""
+        leg = self.leg
+        assert leg is not None
+        beyond = abs(leg.stop_steps - leg.start_steps) - len(leg.instants_ns)
+        slow = self.twin.slow
+        return slow.next_ns + (slow.left - beyond - 1) * slow.period_ns
+
+    def halted(self, position_steps: int, now_ns: int) -> None:
+        """A Stop Motor has been executed in the gap and the counter read: what is left begins from here."""
+        assert self.leg is not None
+        self.last_direction = self.leg.direction
         self.leg = None
         self.halts = False
         self.stop_motor_sent = True
         self.position_steps = position_steps
         self._last_ns = max(now_ns - self.start_ns, 0)
-        self.train = StepTrain(trajectory, self.motor, self._last_ns / NS_PER_S, position_steps)
+        self.train = StepTrain(self.trajectory, self.motor, self._last_ns / NS_PER_S, position_steps)
 
     # --- what has happened -----------------------------------------------------------------------------------------
 

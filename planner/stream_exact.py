@@ -30,6 +30,7 @@ class PieceTrain:
 
     def __init__(self, train: StepTrain) -> None:
         self.motor = train.motor
+        self.trajectory = train.trajectory
         self.start_steps = train.start_steps
         self._train = train
         self._leg: Leg | None = None

@@ -10,9 +10,25 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from nmc.budget import BusTiming
+from nmc.program import Exchange
 from planner.stream_axis import SAFETY_NS, StepAxis
-from planner.stream_base import COUNT_BYTES, LEG_BYTES, PREPARE_NS, Said, StepSchedule, Stream
+from planner.stream_base import (
+    AMP_ENABLE,
+    COUNT_BYTES,
+    LEG_BYTES,
+    PREPARE_NS,
+    STOP_ABRUPTLY,
+    STOP_MOTOR,
+    Said,
+    StepSchedule,
+    Stream,
+)
 
+READ_STATUS = 0x3
+POSITION_ITEM, POSITION_BYTES = b"\x01", 4
+"""Status item bit 0: the position, four bytes (PIC-STEP data sheet, section 5.1)."""
+HALT_NS = 200_000
+"""A Stop Motor into a gap is complete this long after the step before it."""
 EARLY_NS = 300_000
 """An axis that would arrive this much before its plan is slowed in good time."""
 LAST_NS = 150_000
@@ -89,6 +105,8 @@ class StepLane:
     def appointment_ns(self, horizon_ns: int) -> int | None:
         """When the load that begins the next leg has to be sent, or the last count that can safely slow this one."""
         axis = self.axis
+        if axis.halts:
+            return max(axis.halt_ns(), self.schedule.now_ns) + HALT_NS - self.timing.command_ns(1)
         if axis.moving:
             return self._last_count_ns()
         if axis.next_leg() is None:
@@ -107,6 +125,9 @@ class StepLane:
     def keep(self, turn: Turn) -> Stream:
         """Begin the leg, or send the Stop Motor that has to come before; or slow the leg that would end early."""
         axis, schedule = self.axis, self.schedule
+        if axis.halts:
+            yield from self._halt(turn.send_ns)
+            return
         if axis.moving:
             yield from self.mend(turn)
             return
@@ -117,6 +138,16 @@ class StepLane:
         evidence = yield schedule.load(axis, data, turn.send_ns)
         schedule.expect_rest(axis, evidence)
         axis.executed(load, *schedule.window(evidence))
+
+    def _halt(self, send_ns: int) -> Stream:
+        """Stop Motor into the gap behind the last wanted step, then the counter: what is left begins from there."""
+        axis, schedule = self.axis, self.schedule
+        stop = bytes((AMP_ENABLE | STOP_ABRUPTLY,))
+        yield Exchange(self.address, STOP_MOTOR, stop, send_at_ns=send_ns, bus=schedule.bus)
+        read = Exchange(self.address, READ_STATUS, POSITION_ITEM, reply_extra=POSITION_BYTES, bus=schedule.bus)
+        evidence = yield read
+        schedule.expect_rest(axis, evidence)
+        axis.halted(int.from_bytes(evidence.extra, "little", signed=True), schedule.now_ns)
 
     def worth_um(self, turn: Turn) -> float:
         """See ``StepAxis.urgency_steps``; 0 if the fastest chip might have arrived when the load comes."""

@@ -10,6 +10,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.paths import ClosedForm, Warped, circle, random_path
 from benchmarks.rig import Conditions, stream
+from gcode.canon import Feed
+from planner.live import live
+from planner.types import Limits
 
 PATHS = {
     "circle 50 mm at 20": (lambda: circle(25.0, 20.0), 20.0, 4.5),
@@ -54,3 +57,25 @@ def test_profiles_and_trajectories_without_rate_control_say_so() -> None:
         stream(Warped(circle(2.0, 20.0), 20.0), Conditions(), "group", [0.2])
     with pytest.raises(ValueError, match="cannot be timed anew"):
         stream(circle(2.0, 20.0), Conditions(), "adaptive", [0.2])
+
+
+@pytest.mark.parametrize("jitter_ms", [0.0, 2.0])
+def test_overrides_of_a_running_stream_end_exact(jitter_ms: float) -> None:
+    path = Warped(circle(25.0, 20.0), 20.0)
+    rates = [(0.5, 0.4), (1.5, 1.0), (2.5, 0.1), (3.5, 1.0)]
+    outcome = stream(path, Conditions(jitter_ms=jitter_ms, seed=2), "adaptive", overrides=rates)
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+    if not jitter_ms:
+        assert outcome.contour.contour_steps.max <= 3.0
+
+
+def test_a_program_planned_while_it_runs_is_held_resumed_and_overridden() -> None:
+    moves = [(20.0, 0.0, 0.0), (20.0, 15.0, 1.0), (5.0, 15.0, 1.0), (5.0, 2.0, 0.0), (0.0, 0.0, 0.0)]
+    commands = [Feed(n, (*end, *(0.0,) * 6), 25.0) for n, end in enumerate(moves, start=1)]
+    limits = Limits(("X", "Y", "Z"), np.array([60.0, 60.0, 20.0]), np.array([500.0, 500.0, 200.0]), 0.01)
+    trajectory = live(commands, limits, start=np.zeros(3))
+    outcome = stream(trajectory, Conditions(seed=4), "adaptive", [0.6, 2.1], [(1.2, 0.5), (1.7, 1.5)])
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+    assert outcome.contour.contour_steps.max <= 4.5
