@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
+import fcntl
 import json
 import os
 import select
 import shutil
-import subprocess
+import signal
 import tempfile
 from pathlib import Path
 from types import TracebackType
@@ -42,20 +44,13 @@ class Browser:
         self._profile = tempfile.mkdtemp(prefix="page-test-")
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
-
-        def place_pipes() -> None:
-            os.dup2(to_browser, 103)
-            os.dup2(from_browser, 104)
-            os.dup2(103, 3)
-            os.dup2(104, 4)
-
-        size = f"--window-size={width},{height}"
-        self._process = subprocess.Popen(
-            [executable, *FLAGS, size, f"--user-data-dir={self._profile}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, close_fds=False, preexec_fn=place_pipes,
-        )  # fmt: skip
-        os.close(to_browser)
-        os.close(from_browser)
+        ours = [fcntl.fcntl(fd, fcntl.F_DUPFD, 100) for fd in (to_browser, from_browser)]
+        arguments = [executable, *FLAGS, f"--window-size={width},{height}", f"--user-data-dir={self._profile}"]
+        quiet = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (1, 2)]
+        pipes = [(os.POSIX_SPAWN_DUP2, fd, wanted) for fd, wanted in zip(ours, (3, 4), strict=True)]
+        self._pid = os.posix_spawn(executable, [*arguments, "about:blank"], os.environ, file_actions=[*quiet, *pipes])
+        for fd in (to_browser, from_browser, *ours):
+            os.close(fd)
         self._held, self._number = b"", 0
         target = self._call("Target.createTarget", {"url": "about:blank"})
         attached = self._call("Target.attachToTarget", {"targetId": target["targetId"], "flatten": True})
@@ -75,8 +70,9 @@ class Browser:
 
     def close(self) -> None:
         """End the browser that this object started."""
-        self._process.kill()
-        self._process.wait()
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
+        os.waitpid(self._pid, 0)
         os.close(self._write)
         os.close(self._read)
         shutil.rmtree(self._profile, ignore_errors=True)
