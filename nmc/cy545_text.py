@@ -22,6 +22,11 @@ def encode(letter: str, *arguments: int) -> bytes:
         raise LocalFault(f"{letter} 0: the manual does not tell what rate 0 means", rule=_rule(fact))
     if letter == "S" and arguments[0] < facts.SLOPE_MIN:
         raise LocalFault("S 0: slopes are 1 to 255", rule=_rule(fact))
+    if letter == "B":
+        try:
+            facts.bit_command(0, arguments[0])
+        except ValueError as error:
+            raise LocalFault(str(error), rule=_rule(fact)) from None
     words = [letter, *(str(value) for value in arguments)]
     return " ".join(words).encode("ascii") + CR
 

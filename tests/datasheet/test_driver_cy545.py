@@ -89,6 +89,18 @@ def test_what_the_manual_does_not_allow_is_refused_before_a_byte_leaves(words, t
         encode(*words)
 
 
+@item("CE-08")
+def test_bit_commands_change_the_chips_bits_and_the_codes_between_them_are_refused():
+    rig = Rig()
+    for code, bits in ((19, 0xFFF7), (3, 0xFFFF), (64, 0xFFC0), (213, 0xFFD5), (30, 0xBFD5)):
+        rig.driver.command("B", code)
+        assert rig.driver.query("B") == rig.chip.bits == bits
+    for code in (32, 63):
+        with pytest.raises(LocalFault, match="not a bit command"):
+            encode("B", code)
+    assert rig.host.sim.violations == []
+
+
 @item("CE-05")
 def test_answers_are_read_strictly():
     assert encode_query("P") == b"?P\r"
