@@ -89,19 +89,23 @@ class Cy545:
         The block of a kept position cannot be known: it is that nearest to 0. Returns whether the position was kept:
         a chip that has all its power-on values has lost it. Raises LinkTimeout if nobody answers.
         """
-        self.link.set_baud(self.baud)
-        self.lines.pull_abort(False)
-        for _ in range(2):  # ends whatever an earlier host left unfinished
-            self._write(b"\r")
-            self._rest()
-        self.link.flush_input()
-        register = self._ask_patiently("P")
+        register = self.find()
         kept = keep and any(self.query(letter) != facts.RESET_VALUES[letter] for letter in "NRFS")
         self.initialize()
         if kept:
             self.set_position(_nearest(register, 0))
         self.command("N", STARTED)
         return kept
+
+    def find(self) -> int:
+        """Find the chip and change nothing; returns its position register. Raises LinkTimeout if nobody answers."""
+        self.link.set_baud(self.baud)
+        self.lines.pull_abort(False)
+        for _ in range(2):  # ends whatever an earlier host left unfinished
+            self._write(b"\r")
+            self._rest()
+        self.link.flush_input()
+        return self._ask_patiently("P")
 
     def initialize(self) -> None:
         """I: every parameter to its default, position 0."""

@@ -31,6 +31,9 @@ def command(machine: str, port: str | None) -> None:
         for name, bus in zip(nmc_buses(config), connection.buses, strict=True):
             reset_network(bus)
             click.echo(f"bus {name}: reset", err=True)
+        for axis, chip in connection.indexers.items():
+            chip.start_up()
+            click.echo(f"axis {axis}: CY545 reset", err=True)
     except NmcError as error:
         raise VerbError(str(error), EXIT_FAULT) from None
     finally:

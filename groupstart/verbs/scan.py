@@ -44,5 +44,14 @@ def command(machine: str, port: str | None, reset: bool, as_json: bool) -> None:
             click.echo(f"bus {name}: {len(result.modules)} modules at {result.baud} baud")
             for module in result.modules:
                 click.echo(module.text())
+        for axis, chip in connection.indexers.items():
+            name, register = config.axis[axis].bus, chip.find()
+            if as_json:
+                found = {"chip": "cy545", "axis": axis, "position": register}
+                click.echo(json.dumps({"bus": name, "baud": chip.baud, "modules": [found]}))
+            else:
+                click.echo(f"bus {name}: a CY545 at {chip.baud} baud, axis {axis}, position register {register}")
+    except NmcError as error:
+        raise VerbError(str(error), EXIT_FAULT) from None
     finally:
         connection.close()

@@ -1,5 +1,6 @@
 """A machine with a CY545 axis on its twin: index moves between streams, confirmed, stopped, homed, across blocks."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -362,8 +363,14 @@ def test_the_verbs_by_hand_take_the_indexer(capsys: pytest.CaptureFixture[str]) 
     assert status == 0
     assert "A7.5000" in out
     assert command(capsys, "home", "A", "-m", "mill3-indexer")[0] == 0
-    assert command(capsys, "scan", "-m", "mill3-indexer")[0] == 0
-    assert command(capsys, "reset", "-m", "mill3-indexer")[0] == 0
+    status, out, _ = command(capsys, "scan", "-m", "mill3-indexer")
+    assert status == 0
+    assert "bus indexer: a CY545 at 9600 baud, axis A, position register 0" in out
+    status, out, _ = command(capsys, "scan", "-m", "mill3-indexer", "--json")
+    assert json.loads(out.splitlines()[1])["modules"] == [{"chip": "cy545", "axis": "A", "position": 0}]
+    status, _, err = command(capsys, "reset", "-m", "mill3-indexer")
+    assert status == 0
+    assert "axis A: CY545 reset" in err
 
 
 def test_the_report_of_a_run_has_the_indexer_in_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
