@@ -87,12 +87,12 @@ def _signs() -> tuple[tuple[re.Pattern[str], str, str], ...]:
     return tuple((re.compile(pattern, flags), name, sign) for pattern, name, sign in SIGNS)
 
 
-_N = r"^\s*(?:N\d+\s*)?"
+_N = r"^[ \t]*(?:N\d+[ \t]*)?"
 SIGNS = (
     (_N + r"(?:DEF\s+(?:REAL|INT)|MCALL|CYCLE\d+|TRANS\b|R\d+\s*=|;\$PATH)", "siemens", "Sinumerik words"),
-    (_N + r"(?:M10[4-9]|M1[49]0|G1\s[^;(]*E-?\d)", "marlin", "extrusion or heating"),
+    (_N + r"(?:M10[4-9]|M1[49]0|G1[ \t][^;(\n]*E-?\d)", "marlin", "extrusion or heating"),
     (
-        r"^\s*(?:/\s*)?(?:N\d+\s*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|.*\bG0*6[567]\b|.*\bM97\b)",
+        r"^[ \t]*(?:/[ \t]*)?(?:N\d+[ \t]*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|[^(;\n]*\bG0*6[567]\b|[^(;\n]*\bM97\b)",
         "fanuc",
         "Macro B statements",
     ),
@@ -107,7 +107,7 @@ SIGNS = (
         "a Fanuc idiom",
     ),
     (
-        r"^\s*[$?]|" + _N + r"(?:G[0-9.]+\s*)*M(?:[2-9]\d\d|1[0-8]|[2-4]\d|[78]\d|9[0-7])\b",
+        r"^[ \t]*[$?]|" + _N + r"(?:G[0-9.]+\s*)*M(?:[2-9]\d\d|1[0-8]|[2-4]\d|[78]\d|9[0-7])\b",
         "grbl",
         "sender lines or M codes of small machines",
     ),
