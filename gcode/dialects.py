@@ -92,7 +92,8 @@ SIGNS = (
     (_N + r"(?:DEF\s+(?:REAL|INT)|MCALL|CYCLE\d+|TRANS\b|R\d+\s*=|;\$PATH)", "siemens", "Sinumerik words"),
     (_N + r"(?:M10[4-9]|M1[49]0|G1[ \t][^;(\n]*E-?\d)", "marlin", "extrusion or heating"),
     (
-        r"^[ \t]*(?:/[ \t]*)?(?:N\d+[ \t]*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO|[^(;\n]*\bG0*6[567]\b|[^(;\n]*\bM97\b)",
+        r"^[ \t]*(?:/[ \t]*)?(?:N\d+[ \t]*)?(?:IF\s*\[.*\]\s*(?:GOTO|THEN)|GOTO\s*\d|WHILE\s*\[.*\]\s*DO"
+        r"|[^(;\n]*\bG0*6[567]\b|[^(;\n]*\bM97\b)",
         "fanuc",
         "Macro B statements",
     ),
