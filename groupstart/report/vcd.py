@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from groupstart.report.servo import servo_views
+from machines.schema import MachineConfig
+from nmc.chips import picstep
 from planner.types import F8
 from sim.trace import Trace
 
-PULSE_NS = 5_000
-"""drawn width of a step pulse: the data sheet gives the rising edge its meaning, not the width"""
+PULSE_NS = picstep.STEP_PULSE_NS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,17 @@ def step_signals(trace: Trace) -> list[Signal]:
         turns = np.flatnonzero(np.diff(trace.run_dir[mine], prepend=0))
         set_ns = np.maximum(trace.run_first_ns[mine][turns] - PULSE_NS, 0)
         found.append(Signal(f"{name}_dir", set_ns, (trace.run_dir[mine][turns] > 0).astype(np.float64)))
+    return found
+
+
+def pwm_signals(config: MachineConfig, trace: Trace) -> list[Signal]:
+    """Signed PWM share of every servo where it is known, at each change."""
+    found = []
+    for view in servo_views(config, trace):
+        if view.pwm is not None and len(view.pwm):
+            change = np.flatnonzero(np.diff(view.pwm, prepend=np.nan) != 0)
+            time_ns = np.rint(view.t_s[change] * 1e9).astype(np.int64) + trace.plan_start_ns
+            found.append(Signal(f"{view.name}_pwm", time_ns, view.pwm[change], real=True))
     return found
 
 

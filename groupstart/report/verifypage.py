@@ -11,6 +11,7 @@ import numpy as np
 from gcode.canon import ORIGIN, Position
 from groupstart.report.blocks import Block
 from groupstart.report.busview import KINDS, BusView
+from groupstart.report.clocks import clocks
 from groupstart.report.compose import compose
 from groupstart.report.digest import exchanges_digest, text_digest, trace_digest
 from groupstart.report.measured import (
@@ -77,6 +78,8 @@ def _blocks(source: ReportInput, page: PageInput, columns: PathColumns, measured
     servos = [] if result.trace is None else servo_views(config, result.trace)
     rates = [] if result.trace is None else rate_views(
         config, result.trace, result.plan.trajectory, columns.stretches.t_s)  # fmt: skip
+    extra["clocks"] = [] if result.trace is None else [
+        asdict(clock) for clock in clocks(config, result.trace, columns.duration_s)]  # fmt: skip
     extra["servos"] = [{"name": view.name, "pwm": view.pwm is not None} for view in servos]
     extra["rates"] = [view.name for view in rates]
     yield from path_blocks(page, extra, over)

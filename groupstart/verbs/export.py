@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.inputs import open_machine
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from groupstart.report.vcd import Signal
     from sim.trace import Trace
 
 FORMATS = (".csv", ".parquet", ".vcd", ".perfetto-trace", ".svg", ".png")
@@ -40,12 +44,22 @@ def command(source: str, output: str, table: str | None, plot: str) -> None:
         from groupstart.report.vcd import step_signals, vcd_lines
 
         with target.open("w", encoding="ascii", newline="\n") as file:
-            file.writelines(line + "\n" for line in vcd_lines(step_signals(_trace(Path(source)))))
+            file.writelines(line + "\n" for line in vcd_lines(_signals(Path(source), step_signals)))
     elif ending == ".perfetto-trace":
         _write_perfetto(_trace(Path(source)), target)
     else:
         _write_plot(Path(source), target, plot)
     click.echo(f"wrote {output}", err=True)
+
+
+def _signals(source: Path, of_steppers: Callable[[Trace], list[Signal]]) -> list[Signal]:
+    """Pins of the steppers; of a run folder, whose machine is known, also the PWM of the servos."""
+    from groupstart.report.vcd import pwm_signals
+
+    trace = _trace(source)
+    machine = source / "machine.toml"
+    servos = pwm_signals(open_machine(str(machine)).config, trace) if machine.is_file() else []
+    return of_steppers(trace) + servos
 
 
 def _trace(source: Path) -> Trace:

@@ -12,6 +12,7 @@ import pytest
 from gcode.setup import Setup
 from groupstart.report.blocks import Block, json_block, text_block
 from groupstart.report.busview import BusWatch
+from groupstart.report.clocks import clocks
 from groupstart.report.digest import exchanges_digest, trace_digest
 from groupstart.report.limits import broken_limits, parse_limits
 from groupstart.report.measured import measured_pins, shifts, steps_of
@@ -214,6 +215,21 @@ def test_pwm_is_the_formula_of_the_data_sheet() -> None:
     # section 4.3: KP e + KD (e - e') + KI (sum >> 8), over 256; the sums 0, 4, 8, 6 are below 256 here
     output = [0, 220 * 4 + 2640 * 4, 220 * 4, 220 * -2 + 2640 * -6]
     assert pwm_of(error, gains) * 255 == pytest.approx([np.sign(o) * (abs(o) >> 8) for o in output])
+
+
+def test_crystals_are_read_from_the_trace() -> None:
+    drawn: dict[str, float] = {}
+
+    def disturb(simulation: Simulation, _evidence: object) -> None:
+        drawn.update({name: module.clock.ppb / 1000 for name, module in simulation.modules.items()})
+
+    result, file = run("G21 G90 G64 P0.01 F1200\nG1 X20 Y10\nG1 Z3\nM2\n", "mill3-mixed", disturb=disturb)
+    assert result.trace is not None
+    found = {c.name: c.crystal_ppm for c in clocks(file.config, result.trace, 1.0)}
+    assert set(found) == {"X", "Y", "Z"}
+    assert any(abs(ppm) > 5 for ppm in drawn.values())
+    for name, ppm in found.items():
+        assert ppm == pytest.approx(drawn[name], abs=2)
 
 
 def test_the_bus_is_never_busier_than_all_of_the_time() -> None:

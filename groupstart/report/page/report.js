@@ -21,6 +21,10 @@ function reportSide(app, side) {
   side.append(make("div", {}, make("h2", {}, "verdict"), make("table", {}, ...page.verdict_rows.map(([k, v]) => make("tr", {}, make("td", {}, k), make("td", { class: "num" }, v))))));
   if (page.violations.length) side.append(make("div", {}, make("h2", {}, "violations of the data sheets"), make("table", {}, ...page.violations.map((v) =>
     make("tr", { class: "jump", onclick: () => app.setTime(v.time_s) }, make("td", { class: "num" }, clockText(v.time_s)), make("td", {}, v.module), make("td", {}, v.rule + ": " + v.words))))));
+  if ((page.clocks || []).length) side.append(make("div", {}, make("h2", {}, "clocks of the modules"), make("table", {},
+    make("tr", {}, ...["", "crystal, ppm", "drift alone, ms"].map((h) => make("th", {}, h))),
+    ...page.clocks.map((c) => make("tr", {}, make("td", {}, c.name), make("td", { class: "num" }, (c.crystal_ppm >= 0 ? "+" : "") + c.crystal_ppm.toFixed(1)), make("td", { class: "num" }, c.drift_ms.toFixed(2))))),
+    make("div", { class: "hint" }, "what the stream had to correct over the job")));
   if (page.digests.length) side.append(make("div", {}, make("h2", {}, "digests"), ...page.digests.map(([k, v]) => make("div", { class: "digest num" }, `${k}  ${v}`)), make("div", { class: "hint" }, `seed ${page.seed}: same program, machine and seed, same digests`)));
 }
 
