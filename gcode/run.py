@@ -15,7 +15,7 @@ from gcode.block import AXIS_LETTERS, Block, Line
 from gcode.canon import Command, End, MoveBlock, Position
 from gcode.compensation import flush
 from gcode.dialects import DIALECTS, guess
-from gcode.errors import Diagnostic, GcodeError
+from gcode.errors import GcodeError
 from gcode.execute import execute
 from gcode.expand import expanded
 from gcode.flow import Flow, is_call
@@ -24,9 +24,9 @@ from gcode.library import Library
 from gcode.machine import Machine
 from gcode.named import ini_value, install
 from gcode.offsets import emit_origin, emit_rotation, emit_shift
-from gcode.places import place
 from gcode.program import Construct, Program, has_percent
 from gcode.recovery import meant, recover
+from gcode.reports import Reports
 from gcode.resolve import resolve
 from gcode.scanner import scan_line
 from gcode.setup import Setup
@@ -39,20 +39,17 @@ if TYPE_CHECKING:
     from gcode.hotloop import HotLoops
 
 Event = Command | MoveBlock
-ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208", "GC216"})
-"""Reported once a file: the cure of the first is the cure of all."""
 
 
 LINE_COST = 10
 """A line that the interpreter executes counts as much as ten of a compiled loop."""
-FATAL = frozenset({"GC084"})
-"""After these nothing more is checked: what follows is their echo, and may take for ever."""
 
 
-class Run:
+class Run(Reports):
     """One interpretation of one program. ``diagnostics`` grows as lines are executed."""
 
     def __init__(self, source: Source | str, setup: Setup) -> None:
+        super().__init__()
         self.setup = setup
         self.source: Source = TextSource(source) if isinstance(source, str) else source
         automatic = setup.dialect == "auto"
@@ -60,12 +57,8 @@ class Run:
         self.dialect = DIALECTS[name]
         self.machine = Machine(setup, name)
         self.machine.parameters.vacant = self.dialect.macro_b
-        self.diagnostics: list[Diagnostic] = []
-        self.failed = False
         self.flow = Flow(self.machine, Program("", setup.file, self.dialect), Library(setup.include, self.dialect))
         self._line_number = 0
-        self._reported: set[tuple[str, ...]] = set()
-        self._uncertain: set[int] = set()
         self._steps = 0
         self._modal_macro: dict[str, float] | None = None
         self._modal_level = 0
@@ -83,13 +76,16 @@ class Run:
         """
         emit = self.machine.emit
         if self.dialect.refused:
-            self._at_first_line(
-                "GC100", f"not interpreted: {self.dialect.refused}", "post the job for a milling machine"
+            self.at_first_line(
+                self.source.text(),
+                "GC100",
+                f"not interpreted: {self.dialect.refused}",
+                "post the job for a milling machine",
             )
             return
         if self.setup.dialect == "auto" and self.dialect.name != "linuxcnc":
             said = f"read in dialect {self.dialect.name}: {self.dialect_reason}"
-            self._at_first_line("GC209", said, "choose another with --dialect", "warning")
+            self.at_first_line(self.source.text(), "GC209", said, "choose another with --dialect", "warning")
         self._begin()
         yield from emit.take()
         if self.dialect.macro_b:
@@ -400,10 +396,6 @@ class Run:
         self.machine.emit.line = last
         self.machine.emit.comment("interpreter: percent sign missing from end of file")
 
-    def _at_first_line(self, code: str, message: str, hint: str, severity: str = "error") -> None:
-        first = self.source.text().split("\n", 1)[0]
-        self.report(GcodeError(code, message, hint, (0, 1)), self.setup.file, 1, first, severity)
-
     def _recover(self, block: Block | None, number: int, text: str, error: GcodeError) -> None:
         """After a line that could not be read: stand where it meant to go, as far as that is known."""
         self.machine.emit.take()
@@ -413,33 +405,3 @@ class Run:
         self._uncertain |= recover(self.machine, guess_, text)
         if guess_ is None and "f" in text.lower():
             self._reported.add(("GC040",))
-
-    def warn_rapid(self, number: int) -> None:
-        """Warns of a rapid below Z0 on a line whose text is not at hand."""
-        if not self.has_reported("GC216"):
-            error = GcodeError("GC216", "a rapid move down below Z0", "check that nothing is in the way", (0, 1))
-            self.report(error, self.setup.file, number, "", "warning")
-
-    def has_reported(self, code: str) -> bool:
-        """Whether a once-only diagnostic was given."""
-        return (code,) in self._reported
-
-    def report(self, error: GcodeError, file: str, number: int, text: str, severity: str = "error") -> None:
-        """Notes a diagnostic, unless it is only a consequence of an earlier one or was reported before."""
-        if severity == "error":
-            self.failed = True
-            self.machine.finished |= error.code in FATAL
-            if error.code == "GC044" and self._uncertain:
-                return
-        if error.code in ONCE:
-            if (error.code,) in self._reported:
-                return
-            self._reported.add((error.code,))
-        self._note(error, file, number, text, severity)
-
-    def _note(self, error: GcodeError, file: str, number: int, text: str, severity: str) -> None:
-        found = place(error, file, number, text, severity, self.flow.call_stack())
-        key = (found.file, str(found.line), str(found.column), found.code)
-        if key not in self._reported:
-            self._reported.add(key)
-            self.diagnostics.append(found)
