@@ -33,7 +33,7 @@ from gcode.setup import Setup
 from gcode.state import AXIS_INDEX
 from gcode.stream import NeedsStructureError, Stream, plain_line
 from gcode.synch import Answer, Assumptions, Synch
-from gcode.textsource import Source, TextSource
+from gcode.textsource import Source, TextSource, count_lines, percent_follows
 
 if TYPE_CHECKING:
     from gcode.hotloop import HotLoops
@@ -151,24 +151,14 @@ class Run(Reports):
             return
         emit = machine.emit
         if machine.finished and not stream.closed:
-            if stream.percent and not self._percent_follows():
-                self._missing_percent(self._count_lines())
+            if stream.percent and not percent_follows(self.source):
+                self._missing_percent(count_lines(self.source))
         elif stream.is_closed():
             emit.line = stream.last_number
             emit.command(End(stream.last_number, ""))
         elif stream.last_number:
             self._missing_end(stream.last_number, stream.last_text or "?")
         yield from self._handed_out()
-
-    def _percent_follows(self) -> bool:
-        """Whether a lone percent sign stands anywhere behind the end of the program (the first one is in front)."""
-        lone = sum(
-            line.strip() == b"%" for chunk in self.source.chunks() if b"%" in chunk for line in chunk.split(b"\n")
-        )
-        return lone > 1
-
-    def _count_lines(self) -> int:
-        return sum(chunk.count(b"\n") for chunk in self.source.chunks())
 
     def _structured(self, start: int | None) -> Generator[Event, Answer | None, None]:
         """A program with O-words: all lines are known, and their structure is checked before the first is executed."""

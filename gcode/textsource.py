@@ -81,3 +81,14 @@ class FileSource:
     def text(self) -> str:
         """The whole file. Raises OSError."""
         return self._path.read_text(encoding="utf-8", errors="surrogateescape")
+
+
+def percent_follows(source: Source) -> bool:
+    """Whether a lone percent sign stands anywhere behind the first one."""
+    lone = sum(line.strip() == b"%" for chunk in source.chunks() if b"%" in chunk for line in chunk.split(b"\n"))
+    return lone > 1
+
+
+def count_lines(source: Source) -> int:
+    """Physical lines of a program."""
+    return sum(chunk.count(b"\n") for chunk in source.chunks())
