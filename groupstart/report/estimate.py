@@ -15,7 +15,7 @@ import numpy as np
 
 from gcode.canon import Command, MoveBlock, Text, ToolChange
 from gcode.source import split_lines
-from groupstart.report.preview import WINDOWED_FROM, moves_of, window_parts
+from groupstart.report.preview import in_windows, window_parts
 from machines.job import Job, plan_job
 from machines.load import MachineFile
 from planner.jerk import FilteredTrajectory
@@ -56,7 +56,7 @@ class Estimate:
 
 def estimate(job: Job, machine: MachineFile, solver: str = "auto") -> Estimate:
     """Time of a checked job. Raises PlanError with the program's line."""
-    if moves_of(job.commands) < WINDOWED_FROM:
+    if not in_windows(job, machine):
         parts: Iterable[Part] = [(0.0, plan_job(job, machine.config, cast("Solver", solver)).trajectory)]
     else:
         parts = window_parts(job, machine)

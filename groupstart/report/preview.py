@@ -30,12 +30,18 @@ WINDOW_MOVES = 16_384
 
 def preview_page(job: Job, machine: MachineFile, solver: str, zero: Position | None = None) -> str:
     """The page as HTML. Raises PlanError with the program's line."""
-    if moves_of(job.commands) < WINDOWED_FROM:
+    if not in_windows(job, machine):
         columns = columns_of_plan(plan_job(job, machine.config, cast("Solver", solver)))
     else:
         columns = columns_in_windows(job, machine)
     page = PageInput(job, machine, columns, path_facts(columns, job.text), zero or ORIGIN)
     return compose(f"{job.name} – groupstart", path_blocks(page, {"report": False}))
+
+
+def in_windows(job: Job, machine: MachineFile) -> bool:
+    """Whether a job is planned in windows; index moves of a CY545 need the whole program."""
+    indexed = any(table.chip == "cy545" for table in machine.config.axis.values())
+    return not indexed and moves_of(job.commands) >= WINDOWED_FROM
 
 
 def columns_of_plan(plan: Plan) -> PathColumns:
