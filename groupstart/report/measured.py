@@ -137,23 +137,25 @@ class Shift:
 
 
 def shifts(m: Measured, trajectory: Trajectory, units_per_step: dict[str, float]) -> list[Shift]:
-    """Every axis that lost its place, with the instant: where the mean distance from the plan changes most.
+    """Every axis that ends off its place, with the instant: where the mean distance from the plan changes most.
 
     The distance at equal times wanders around zero while an axis is in its place, and around the loss after it; the
     sum of what exceeds the overall mean turns round at the change (cumulative sums, E. S. Page 1954).
     """
     found = []
     wanted = trajectory.q(m.t_s)
+    end = trajectory.q(np.array([trajectory.duration_s]))[0]
     for k, axis in enumerate(m.axes):
         off = m.q[:, k] - wanted[:, k]
-        if len(off) < 3:
+        left = float(m.q[-1, k] - end[k]) if len(off) else 0.0
+        if len(off) < 3 or abs(left) < SHIFT_STEPS * units_per_step[axis]:
             continue
         weight = np.gradient(m.t_s)
         sums = np.cumsum((off - np.average(off, weights=np.maximum(weight, 1e-12))) * weight)
         at = int(np.argmax(np.abs(sums[:-1])))
         before, after = float(np.median(off[: at + 1])), float(np.median(off[at + 1 :]))
         jump, step = after - before, units_per_step[axis]
-        if abs(jump) < SHIFT_STEPS * step:
+        if abs(jump) < SHIFT_STEPS * step or jump * left < 0:
             continue
         time_s = float(m.t_s[at])
         line = int(trajectory.line(np.array([time_s]))[0])

@@ -40,7 +40,7 @@ function modesOf(page, path) {
   modes.push({ id: "age", label: "line age", unit: "line", ramp: "viridis", ...both((i) => path.line[i]) });
   modes.push({ id: "tool", label: "tool", kinds: page.tools.map((t) => "T" + t), ...both((i) => page.tools.indexOf(path.tool[i])) });
   if (path.error) modes.unshift(
-    { id: "error", label: "contour error", unit: "um", ramp: "heat", log: true, ...both((i) => path.error[i]) },
+    { id: "error", label: page.overlay ? "distance" : "contour error", unit: "um", ramp: "heat", log: true, ...both((i) => path.error[i]) },
     { id: "lag", label: "lag along the path", unit: "ms", ramp: "heat", ...both((i) => path.lag[i]) });
   return modes;
 }

@@ -133,7 +133,7 @@ class Page {
     const scene = this.scene;
     for (const v of ["iso", "top", "front", "right"]) $("views").append(make("button", { "data-view": v, onclick: () => scene.look(v) }, v));
     const layers = [["rapids", "rapids"], ["limits", "soft limits"], ["bounds", "bounds"], ["grid", "grid"], ["ahead", "what is ahead"]];
-    if (this.page.report) layers.push(["sim", "simulated"]);
+    if (this.page.report) layers.push(["sim", this.page.overlay ? "the other" : "simulated"]);
     for (const [id, label] of layers) {
       const b = make("button", { class: scene.layers[id] ? "on" : "", "data-layer": id, onclick: () => { scene.layers[id] = !scene.layers[id]; b.classList.toggle("on", scene.layers[id]); scene.apply(); scene.setTime(this.now); } }, label);
       $("layers").append(b);

@@ -107,7 +107,7 @@ function errorPlots(app) {
   const e = app.errors, path = app.path;
   if (!e) return [];
   return [
-    { id: "contour", label: "contour error", unit: "um", series: [{ label: "farthest of the pins from the plan", colour: "#ff6b6b", fill: "rgba(255,107,107,.22)", t: e.t, y: e.error }], range: (u, a, b) => [0, (b || 1) * 1.08] },
+    { id: "contour", label: app.page.overlay ? "distance" : "contour error", unit: "um", series: [{ label: app.page.overlay ? "farthest of the other motion from this one" : "farthest of the pins from the plan", colour: "#ff6b6b", fill: "rgba(255,107,107,.22)", t: e.t, y: e.error }], range: (u, a, b) => [0, (b || 1) * 1.08] },
     { id: "lag", label: "lag", unit: "ms", series: [{ label: "along the path", colour: "#c38cff", t: e.lag_t, y: e.lag }], range: (u, a, b) => [0, (b || 1) * 1.08] },
     { id: "speed2", label: "speed", unit: "mm/s", series: [{ label: "planned", colour: css("--accent"), t: path.t, y: path.speed }] },
   ];
@@ -183,7 +183,7 @@ class Lanes {
       c.fillRect(x, this.lane[i] * LANE + 3, wide, LANE - 8);
     }
     c.fillStyle = css("--soft");
-    for (let k = 0; k <= 5; k++) { c.textAlign = k === 5 ? "right" : k ? "center" : "left"; c.fillText(short(p.from + k / 5 * (p.to - p.from)) + " s", l + k / 5 * (w - l - 8), h - 6); }
+    for (let k = 0; k <= 5; k++) { c.textAlign = k === 5 ? "right" : k ? "center" : "left"; c.fillText((p.from + k / 5 * (p.to - p.from)).toFixed(p.to - p.from < 1 ? 3 : p.to - p.from < 20 ? 2 : 1) + " s", l + k / 5 * (w - l - 8), h - 6); }
     c.textAlign = "left";
     this.mark();
   }
