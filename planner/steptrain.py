@@ -27,7 +27,9 @@ from planner.types import F8, Trajectory
 SAMPLE_S = 1e-4
 CHUNK_S = 2.0
 GAP_SHARE = 0.9
-"""A gap longer than this share of the longest period begins a new leg."""
+GAP_MAX_S = 0.012
+"""A gap longer than this, or than this share of the longest period, begins a new leg: slow steps are exactly timed single
+moves, for a count that meets a long period at the wrong side of its roll-over puts the axis that period off."""
 APEX_OVERSHOOT_STEPS = 0.4
 APEX_GAP_S = 0.02
 NOISE_STEPS = 1e-6
@@ -86,7 +88,7 @@ class StepTrain:
         self._level = nearest_step(float(trajectory.q(np.array([from_s]))[0, self.column]), motor.steps_per_unit)
         self.start_steps = self._level if start_steps is None else start_steps
         _, longest = period_range_ns(motor.speed_mode)
-        self.gap_s = GAP_SHARE * longest / NS_PER_S
+        self.gap_s = min(GAP_SHARE * longest / NS_PER_S, GAP_MAX_S)
         self._legs = self._cut()
         self._ahead: deque[Leg] = deque()
 

@@ -156,7 +156,7 @@ class StepAxis:
         """What a new count at ``execute_ns`` would mend, in steps; 0 while the next roll-over can wait for a later one.
 
         A load that falls within ``unsure_ns`` of a roll-over acts either one period sooner or later: what that can
-        cost is subtracted, so such instants are avoided, but never more than half: turns and steps may beat together.
+        cost is subtracted, so such instants are avoided, above all where a long period is to be followed by a short.
         """
         timer = self.twin.nominal
         next_ns, left = timer.ahead(execute_ns)
@@ -167,7 +167,7 @@ class StepAxis:
         error = abs(1.0 / timer.period_ns - 1.0 / wanted) * span_ns
         since_ns = timer.period_ns - (next_ns - execute_ns)
         if timer.period_ns > 2 * unsure_ns and min(since_ns, next_ns - execute_ns) < unsure_ns:
-            error -= min(abs(1.0 - timer.period_ns / wanted), error / 2)
+            error -= abs(1.0 - timer.period_ns / wanted)
         return error
 
     @property

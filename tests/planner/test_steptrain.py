@@ -31,11 +31,17 @@ def test_a_line_is_one_leg_with_every_step_on_its_rounding_instant() -> None:
 
 
 def test_a_circle_turns_each_axis_where_its_coordinate_turns() -> None:
-    x, y = legs(circle(25.0, 60.0)), legs(circle(25.0, 60.0), StepMotor("Y", "Y", 0, 2, 200.0, 2))
-    assert [leg.direction for leg in x] == [1, -1]
-    assert [leg.stop_steps for leg in x] == [10_000, 0]
-    assert [leg.direction for leg in y] == [1, -1, 1]
-    assert [leg.stop_steps for leg in y] == [5_000, -5_000, 0]
+    def turns(motor: StepMotor) -> list[tuple[int, int]]:
+        found = legs(circle(25.0, 60.0), motor)
+        last = [
+            leg
+            for leg, after in zip(found, [*found[1:], None], strict=True)
+            if not after or after.direction != leg.direction
+        ]
+        return [(leg.direction, leg.stop_steps) for leg in last]
+
+    assert turns(MOTOR) == [(1, 10_000), (-1, 0)]
+    assert turns(StepMotor("Y", "Y", 0, 2, 200.0, 2)) == [(1, 5_000), (-1, -5_000), (1, 0)]
 
 
 def test_an_apex_that_overshoots_by_less_than_half_a_step_is_left_out() -> None:
@@ -50,6 +56,11 @@ def test_a_coordinate_at_rest_on_a_rounding_border_does_not_chatter() -> None:
     rng = np.random.default_rng(7)
     trajectory = ClosedForm(("X",), 5.0, lambda t: (0.5 + rng.normal(0.0, 1e-12, len(t)))[:, None] / 200.0)
     assert sum(len(leg) for leg in legs(trajectory)) <= 1
+
+
+def test_slow_steps_at_a_turn_are_moves_of_their_own() -> None:
+    gaps = [gap for leg in legs(circle(25.0, 60.0)) for gap in leg.gaps_ns]
+    assert max(gaps) <= 12_000_000
 
 
 def test_a_wait_longer_than_the_timer_begins_a_new_leg() -> None:
