@@ -108,12 +108,16 @@ class Browser:
 
     def click_on(self, selector: str) -> None:
         """A click on the middle of an element, scrolled into view."""
-        place = self.run(
-            f"(() => {{ const e = document.querySelector({json.dumps(selector)}); "
-            "e.scrollIntoView({block: 'center'}); "
-            "const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
-        )
+        find = f"document.querySelector({json.dumps(selector)})"
+        self.run(f"{find}.scrollIntoView({{block: 'nearest'}})")
+        self.settle()  # what follows the scrolling is drawn in the next frame
+        place = self.run(f"(() => {{ const b = {find}.getBoundingClientRect(); "
+                         "return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
         self.click(*place)
+
+    def settle(self) -> None:
+        """Let the page draw two frames."""
+        self.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def picture(self, path: Path) -> bytes:
         """A screenshot as PNG, kept in ``path``."""

@@ -66,7 +66,7 @@ PLACES = """(() => {
 
 def share_in_colour(browser: Browser, picture: Path) -> float:
     """Share of the places on the path that have the path's colour in the picture."""
-    browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    browser.settle()
     places = browser.run(PLACES)
     image = pixels(browser.picture(picture))
     assert len(places) > 50
@@ -111,6 +111,7 @@ def test_a_click_on_a_line_goes_to_its_time_and_play_goes_on(browser: Browser, p
     browser.open(preview)
     browser.run("document.querySelector('#program-scroll').scrollTop = 110 * 18")
     browser.wait("document.querySelector('.row[data-line=\"123\"]')")
+    browser.settle()
     browser.click_on('.row[data-line="123"]')
     at = browser.run("window.__state.time_s")
     assert browser.run("window.__state.line") == 123
@@ -126,7 +127,7 @@ def test_a_click_on_a_line_goes_to_its_time_and_play_goes_on(browser: Browser, p
 def test_a_click_on_the_path_goes_there(browser: Browser, preview: Path) -> None:
     browser.open(preview)
     browser.run("groupstart.scene.look('top')")
-    browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    browser.settle()
     places = browser.run(PLACES)
     x, y, *_ = places[len(places) // 2]
     browser.click(x, y)
@@ -180,7 +181,7 @@ def test_every_tab_of_a_mixed_machine_opens_in_both_themes(browser: Browser, tmp
         for tab in tabs:
             browser.click_on(f"#tabs [data-tab={tab}]")
             assert browser.run("document.querySelectorAll('#lower-body canvas').length") > 0
-            browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            browser.settle()
             browser.picture(PICTURES / f"report-{theme}-{tab}.png")
         browser.click_on("#theme")
     browser.run("groupstart.tab('bus'); groupstart.plots.zoom(20, 20.4)")
@@ -209,7 +210,7 @@ def test_a_long_program_comes_in_two_steps_without_long_tasks(browser: Browser, 
     for script in ("groupstart.setTime(500)", "groupstart.legend.set('cause')", "groupstart.plots.zoom(100, 140)",
                    "groupstart.toLine(77777)", "groupstart.legend.set('accel')"):  # fmt: skip
         browser.run(script)
-        browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        browser.settle()
     assert browser.run("window.__state.line") == 77777
     assert browser.wait("document.querySelector('.row.now')?.dataset.line === '77777'")
     assert max([0.0, *browser.run("window.__long")]) < 200
