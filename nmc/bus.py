@@ -42,7 +42,10 @@ _STATELESS = (NOP, READ_STATUS, DEFINE_STATUS)
 
 @dataclass(slots=True)
 class Counters:
-    """What has happened on a bus since it was opened. late: exchanges that left after their ``send_at_ns``."""
+    """What has happened on a bus since it was opened. late: exchanges that left after their ``send_at_ns``.
+
+    expired: exchanges that did not leave at all, because their ``not_after_ns`` had passed.
+    """
 
     packets: int = 0
     bytes_out: int = 0
@@ -54,6 +57,7 @@ class Counters:
     resyncs: int = 0
     late: int = 0
     latest_ns: int = 0
+    expired: int = 0
 
 
 class Bus:
@@ -112,6 +116,8 @@ class Bus:
         attempt = 1
         while True:
             sent_ns = self.link.now_ns()
+            if self._expired(exchange, sent_ns):
+                return Evidence(exchange, sent_ns, sent_ns, None, sent=False)
             try:
                 reply = self._once(exchange, packet, extra_bytes)
                 break
@@ -140,6 +146,12 @@ class Bus:
                 replier.last_sent_ns = max(now, wanted)
         if wanted > now:
             self.link.sleep_until(wanted)
+
+    def _expired(self, exchange: Exchange, now_ns: int) -> bool:
+        """The last look at the clock: a host that was held up must not send what may not be safe any more."""
+        late = 0 < exchange.not_after_ns < now_ns
+        self.counters.expired += late
+        return late
 
     def _once(self, exchange: Exchange, packet: bytes, extra_bytes: int) -> Reply:
         link, counters = self.link, self.counters
@@ -180,6 +192,8 @@ class Bus:
         link = self.link
         link.flush_input()
         sent_ns = link.now_ns()
+        if self._expired(exchange, sent_ns):
+            return Evidence(exchange, sent_ns, sent_ns, None, sent=False)
         link.write(packet)
         self.counters.packets += 1
         self.counters.bytes_out += len(packet)

@@ -21,6 +21,8 @@ class Exchange:
     at_rest: addresses of PIC-STEPs that the source knows to have come to rest at their stop positions (its twins say
     so), stated to the mode guard before this exchange is judged. endless: this load is meant to run without any stop
     position; a count-only load from Stopped is refused without it.
+    not_after_ns: link time after which the first byte must not leave any more (0: no such time); a host that was held
+    up then sends nothing and says so in the evidence, for what was safe when it was decided may not be any more.
     The bus knows the reply length of modules it has started up and then ignores ``reply_extra``.
     """
 
@@ -33,6 +35,7 @@ class Exchange:
     bus: int = 0
     at_rest: tuple[int, ...] = ()
     endless: bool = False
+    not_after_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class Evidence:
 
     sent_ns: link time at which the first byte was handed over. replied_ns: link time at which the last reply byte was
     in (of a silent group: when the wait ended). status: the status byte, None if nobody answers. extra: the bytes
-    between status and checksum.
+    between status and checksum. sent: False if it was too late for the exchange and nothing left.
     """
 
     exchange: Exchange
@@ -49,6 +52,7 @@ class Evidence:
     replied_ns: int
     status: int | None
     extra: bytes = b""
+    sent: bool = True
 
 
 class ExchangeSource(Protocol):

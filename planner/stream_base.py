@@ -15,7 +15,7 @@ from collections.abc import Generator, Sequence
 
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
-from planner.stream_axis import LOAD_TRAJECTORY, MOVING, Load, StepAxis
+from planner.stream_axis import LOAD_TRAJECTORY, MOVING, SAFETY_NS, START_NOW, Load, StepAxis
 from planner.stream_error import StreamError
 from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
 
@@ -96,7 +96,13 @@ class StepSchedule:
             return
         if self.now_ns > start_ns + LATE_NS:
             self.late_slices += 1
-        evidence = yield Exchange(STREAMING_GROUP, START_MOTION, send_at_ns=start_ns, bus=self.bus)
+        running = [axis for axis, load in pending if load.leg is None]
+        last_ns = min((self.last_safe_ns(axis, 0) for axis in running), default=0)
+        start = Exchange(STREAMING_GROUP, START_MOTION, send_at_ns=start_ns, bus=self.bus, not_after_ns=last_ns)
+        evidence = yield start
+        if not evidence.sent:
+            self.late_slices += 1
+            return
         window = self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, 0)
         for axis, load in pending:
             axis.executed(load, *window)
@@ -139,6 +145,10 @@ class StepSchedule:
         timing = self.timing
         return send_ns + timing.command_ns(data_bytes) + timing.jitter_max_ns + timing.start_delay_max_ns
 
+    def last_safe_ns(self, axis: StepAxis, data_bytes: int) -> int:
+        """Until when a count for a running axis may leave so that even the fastest chip still moves when it acts."""
+        return axis.twin.surely_moving_until_ns() - SAFETY_NS - self.latest_ns(0, data_bytes)
+
     def mean_ns(self, send_ns: int, data_bytes: int = 0) -> int:
         """Instant in the middle of what is possible for a command sent at ``send_ns``."""
         timing = self.timing
@@ -150,14 +160,20 @@ class StepSchedule:
 
     def load(self, axis: StepAxis, data: bytes, send_ns: int = 0) -> Exchange:
         """Load Trajectory for one axis."""
-        at_rest = () if axis.moving else (axis.motor.address,)
+        if axis.moving:
+            last_ns = self.last_safe_ns(axis, len(data)) if data[0] & START_NOW else 0
+            return Exchange(
+                axis.motor.address, LOAD_TRAJECTORY, data, send_at_ns=send_ns, bus=self.bus, not_after_ns=last_ns
+            )
+        at_rest = (axis.motor.address,)
         return Exchange(axis.motor.address, LOAD_TRAJECTORY, data, send_at_ns=send_ns, bus=self.bus, at_rest=at_rest)
 
     # --- the guardian ------------------------------------------------------------------------------------------------
 
     def expect_moving(self, axis: StepAxis, evidence: Evidence) -> None:
         """Raise StreamError if an axis stands that even the fastest twin says is moving."""
-        if evidence.status is not None and not evidence.status & MOVING:
+        stands = evidence.status is not None and not evidence.status & MOVING
+        if stands and axis.twin.surely_moving_until_ns() > evidence.replied_ns:
             raise StreamError(f"axis {axis.motor.name} stands although its leg is not over", axis.motor.name)
 
     def expect_rest(self, axis: StepAxis, evidence: Evidence) -> None:

@@ -107,6 +107,8 @@ class GroupSchedule(StepSchedule):
             return False
         data, load = axis.count_load(execute_ns, target_ns, start_now=True)
         evidence = yield self.load(axis, data)
+        if not evidence.sent:
+            return False
         self.expect_moving(axis, evidence)
         axis.executed(load, *self.window(evidence))
         return True

@@ -164,6 +164,8 @@ class StepLane:
         execute_ns = schedule.mean_ns(turn.send_ns, COUNT_BYTES)
         data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
         evidence = yield schedule.load(axis, data, turn.send_ns)
+        if not evidence.sent:
+            return
         schedule.expect_moving(axis, evidence)
         axis.executed(load, *schedule.window(evidence))
 
