@@ -8,6 +8,7 @@ from typing import Any
 from groupstart.report.clocks import clocks
 from groupstart.report.digest import exchanges_digest, text_digest, trace_digest
 from groupstart.report.measured import measured_pins, shifts, steps_of, worst_by_line, worst_places
+from groupstart.report.skew import starts
 from groupstart.report.verifypage import ReportInput
 
 
@@ -33,6 +34,7 @@ def report_json(source: ReportInput) -> dict[str, Any]:
         data["error_by_line"] = {int(n): round(float(um), 3) for n, um in zip(lines, worst, strict=True)}
     if result.trace is not None:
         found = clocks(source.machine.config, result.trace, trajectory.duration_s)
+        data["starts"] = [asdict(s) for s in starts(source.machine.config, result.trace, trajectory)]
         data["clocks"] = [asdict(clock) for clock in found]
     if source.bus is not None:
         run = source.bus.begin_s >= 0

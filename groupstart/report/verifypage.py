@@ -28,6 +28,7 @@ from groupstart.report.pathpage import OverPath, PageInput, path_blocks, path_fa
 from groupstart.report.preview import columns_of_plan
 from groupstart.report.rates import rate_views
 from groupstart.report.servo import servo_views
+from groupstart.report.skew import starts
 from groupstart.report.zmap import DEFAULT_DIAMETER_MM, HeightMap, height_maps
 from machines.load import MachineFile
 from machines.runner import RunResult
@@ -80,6 +81,8 @@ def _blocks(source: ReportInput, page: PageInput, columns: PathColumns, measured
         config, result.trace, result.plan.trajectory, columns.stretches.t_s)  # fmt: skip
     extra["clocks"] = [] if result.trace is None else [
         asdict(clock) for clock in clocks(config, result.trace, columns.duration_s)]  # fmt: skip
+    begun = [] if result.trace is None else starts(config, result.trace, result.plan.trajectory)
+    extra["starts"] = [asdict(start) for start in begun]
     extra["servos"] = [{"name": view.name, "pwm": view.pwm is not None} for view in servos]
     extra["rates"] = [view.name for view in rates]
     yield from path_blocks(page, extra, over)

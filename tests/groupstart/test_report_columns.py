@@ -20,6 +20,7 @@ from groupstart.report.pathcolumns import FEED, RAPID, causes_of, path_columns
 from groupstart.report.pathpage import OverPath
 from groupstart.report.preview import columns_in_windows, columns_of_plan
 from groupstart.report.servo import pwm_of, servo_views
+from groupstart.report.skew import starts
 from groupstart.report.thin_kernel import thin
 from groupstart.report.zmap import height_maps
 from machines.job import Job, plan_job, read_job
@@ -230,6 +231,15 @@ def test_crystals_are_read_from_the_trace() -> None:
     assert any(abs(ppm) > 5 for ppm in drawn.values())
     for name, ppm in found.items():
         assert ppm == pytest.approx(drawn[name], abs=2)
+
+
+def test_motors_that_begin_together_are_held_against_the_plan() -> None:
+    result, file = run("G21 G90 G61.1 F600\nG1 X5 Y5\nG4 P0.5\nG1 X0\nG4 P0.5\nG1 X5 Y0\nM2\n")
+    assert result.trace is not None
+    found = starts(file.config, result.trace, result.plan.trajectory)
+    assert [start.motors for start in found] == [("X", "Y"), ("X", "Y")]
+    for start in found:
+        assert 0 <= start.skew_ms < 5
 
 
 def test_the_bus_is_never_busier_than_all_of_the_time() -> None:

@@ -25,6 +25,13 @@ function reportSide(app, side) {
     make("tr", {}, ...["", "crystal, ppm", "drift alone, ms"].map((h) => make("th", {}, h))),
     ...page.clocks.map((c) => make("tr", {}, make("td", {}, c.name), make("td", { class: "num" }, (c.crystal_ppm >= 0 ? "+" : "") + c.crystal_ppm.toFixed(1)), make("td", { class: "num" }, c.drift_ms.toFixed(2))))),
     make("div", { class: "hint" }, "what the stream had to correct over the job")));
+  if ((page.starts || []).length) {
+    const worst = page.starts.reduce((a, b) => (b.skew_ms > a.skew_ms ? b : a)), middle = page.starts.map((x) => x.skew_ms).sort((a, b) => a - b)[page.starts.length >> 1];
+    side.append(make("div", {}, make("h2", {}, "start skew"), make("table", {},
+      make("tr", {}, make("td", {}, "starts of several motors"), make("td", { class: "num" }, String(page.starts.length))),
+      make("tr", {}, make("td", {}, "middle"), make("td", { class: "num" }, middle.toFixed(2) + " ms")),
+      make("tr", { class: "jump", onclick: () => app.setTime(worst.time_s) }, make("td", {}, "largest, " + worst.motors.join(" ")), make("td", { class: "num" }, worst.skew_ms.toFixed(2) + " ms")))));
+  }
   if (page.digests.length) side.append(make("div", {}, make("h2", {}, "digests"), ...page.digests.map(([k, v]) => make("div", { class: "digest num" }, `${k}  ${v}`)), make("div", { class: "hint" }, `seed ${page.seed}: same program, machine and seed, same digests`)));
 }
 
