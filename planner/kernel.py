@@ -24,6 +24,8 @@ from planner.types import F8
 Flags = npt.NDArray[np.bool_]
 TINY = 1e-12
 """components of q' below this give no row in u (their row in x is in the cap)."""
+SHORT_MM = 1e-4
+"""length below which rounding of x may show in s'': 1e-16 x / length, at 1 m/s still 1e-6 mm/s2 at this length."""
 
 
 @njit(cache=True)
@@ -178,30 +180,39 @@ def solve(
 def fill_pieces(
     length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, x: F8, cap: F8
 ) -> tuple[F8, npt.NDArray[np.int32], F8, F8, F8]:
-    """Pieces of constant s'': duration, interval, offset, speed, s''; one on a parabola, up to three on a line."""
+    """Pieces of constant s'': duration, interval, offset, speed, s''; one on a parabola, up to three on a line.
+
+    s'' is a difference of two x over a length. Where the length is tiny, rounding is all that is left of it, so it is
+    held inside the bounds that x was made with.
+    """
     n, axes = tangent_in.shape
     duration, interval, offset = np.empty(3 * n), np.empty(3 * n, dtype=np.int32), np.empty(3 * n)
     speed, accel = np.empty(3 * n), np.empty(3 * n)
     part_length, part_x = np.empty(3), np.empty(4)
     m = 0
     for i in range(n):
+        t0, t1 = tangent_in[i], tangent_out[i]
         d, x0, x1 = length[i], x[i], x[i + 1]
         part_length[0], part_length[1], part_length[2] = d, 0.0, 0.0
         part_x[0], part_x[1], part_x[2], part_x[3] = x0, x1, x1, x1
-        if _is_straight(tangent_in[i], tangent_out[i], axes):
-            a = _straight_bound(tangent_in[i], acceleration, axes)
+        least, most = -np.inf, np.inf
+        if _is_straight(t0, t1, axes):
+            a = _straight_bound(t0, acceleration, axes)
+            least, most = -a, a
             peak = max(min(cap[i], (x0 + x1) / 2 + a * d), x0, x1)
             up, down = (peak - x0) / (2 * a), (peak - x1) / (2 * a)
             if up + down < d * (1 - 1e-9) or (up > 1e-9 * d and down > 1e-9 * d):
                 part_length[0], part_length[1], part_length[2] = up, max(d - up - down, 0.0), down
                 part_x[1], part_x[2] = peak, peak
+        elif d < SHORT_MM:
+            least, _, most, _ = _bounds(t0, t1, acceleration, d, x0, axes)
         at = 0.0
         for k in range(3):
             if part_length[k] > 1e-9 * d:
                 v0, v1 = np.sqrt(part_x[k]), np.sqrt(part_x[k + 1])
                 duration[m] = 2 * part_length[k] / (v0 + v1)
                 interval[m], offset[m], speed[m] = i, at, v0
-                accel[m] = (v1 - v0) / duration[m]
+                accel[m] = min(max((v1 - v0) / duration[m], least), most)
                 m += 1
             at += part_length[k]
     return duration[:m].copy(), interval[:m].copy(), offset[:m].copy(), speed[:m].copy(), accel[:m].copy()
