@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 from gcode.assign import assign
 from gcode.block import AXIS_LETTERS, Block, Line
-from gcode.canon import Command, End, MoveBlock, Position
+from gcode.bounds import begin, end_by_percent, missing_percent, over
+from gcode.canon import Command, MoveBlock, Position
 from gcode.compensation import flush
 from gcode.dialects import DIALECTS, guess
 from gcode.errors import GcodeError
@@ -23,7 +24,6 @@ from gcode.foreigngroups import MACRO
 from gcode.library import Library
 from gcode.machine import Machine
 from gcode.named import ini_value, install
-from gcode.offsets import emit_origin, emit_rotation, emit_shift
 from gcode.program import Construct, Program, has_percent
 from gcode.recovery import meant, recover
 from gcode.reports import Reports
@@ -86,15 +86,14 @@ class Run(Reports):
         if self.setup.dialect == "auto" and self.dialect.name != "linuxcnc":
             said = f"read in dialect {self.dialect.name}: {self.dialect_reason}"
             self.at_first_line(self.source.text(), "GC209", said, "choose another with --dialect", "warning")
-        self._begin()
+        begin(self.machine)
         yield from emit.take()
         if self.dialect.macro_b:
             yield from self._structured(None)
         else:
             yield from self._streamed()
         self._flush()
-        emit.line = 0
-        emit.text("ON_RESET()")
+        over(self.machine)
         if not self.failed:
             yield from emit.take()
 
@@ -127,16 +126,6 @@ class Run(Reports):
         """As ``stream``, blocks taken apart."""
         return expanded(self.stream(assumptions))
 
-    def _begin(self) -> None:
-        """What the interpreter tells the machine before the first line."""
-        emit = self.machine.emit
-        emit.frame_change("USE_LENGTH_UNITS(CANON_UNITS_MM)")
-        emit_origin(self.machine)
-        emit_shift(self.machine)
-        emit_rotation(self.machine)
-        emit.text("SET_FEED_REFERENCE(CANON_XYZ)")
-        emit.text("ON_RESET()")
-
     def _streamed(self) -> Generator[Event, Answer | None, None]:
         """A program without O-words, as it is read; changes to the structured way if it has some."""
         machine = self.machine
@@ -149,13 +138,11 @@ class Run(Reports):
         except NeedsStructureError as found:
             yield from self._structured(found.index)
             return
-        emit = machine.emit
         if machine.finished and not stream.closed:
             if stream.percent and not percent_follows(self.source):
-                self._missing_percent(count_lines(self.source))
+                missing_percent(self.machine, count_lines(self.source))
         elif stream.is_closed():
-            emit.line = stream.last_number
-            emit.command(End(stream.last_number, ""))
+            end_by_percent(self.machine, stream.last_number)
         elif stream.last_number:
             self._missing_end(stream.last_number, stream.last_text or "?")
         yield from self._handed_out()
@@ -176,7 +163,7 @@ class Run(Reports):
                 break
             yield from self._handed_out()
         if self.machine.finished and has_percent(flow.main) and flow.main.stop == len(flow.main.lines):
-            self._missing_percent(len(flow.main.lines))
+            missing_percent(self.machine, len(flow.main.lines))
         yield from self._handed_out()
 
     def _warm_loop(self) -> Construct | None:
@@ -370,7 +357,7 @@ class Run(Reports):
             self.flow.leave(None)
             return True
         if has_percent(program) and program.stop < len(program.lines):
-            self.machine.emit.command(End(program.stop + 1, ""))
+            end_by_percent(self.machine, program.stop + 1)
             return False
         if program.lines:
             last = max((i for i, t in enumerate(program.lines) if t.strip()), default=0)
@@ -380,11 +367,6 @@ class Run(Reports):
     def _missing_end(self, number: int, text: str) -> None:
         error = GcodeError("GC201", "the program has no end", "add M2 or M30 as its last line", (0, 1))
         self.report(error, self.setup.file, number, text, "warning")
-
-    def _missing_percent(self, last: int) -> None:
-        """A program that began with % and ended by M2 should have a % behind it."""
-        self.machine.emit.line = last
-        self.machine.emit.comment("interpreter: percent sign missing from end of file")
 
     def _recover(self, block: Block | None, number: int, text: str, error: GcodeError) -> None:
         """After a line that could not be read: stand where it meant to go, as far as that is known."""

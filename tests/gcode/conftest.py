@@ -15,16 +15,6 @@ from gcode.setup import Setup, Tool
 TOOL_TABLE = "T1 P1 Z1.5 D0.25\nT2 P2 Z2 D0.125\nT3 P3 X.1 Z.5 D0.118\nT99 P99 Z1\n"
 """In inches: that interpreter is always an inch machine."""
 
-INI = """[EMC]
-VERSION = 1.1
-[TRAJ]
-LINEAR_UNITS = mm
-AXES = 6
-COORDINATES = XYZABC
-[RS274NGC]
-PARAMETER_FILE = rs274.var
-SUBROUTINE_PATH = .
-"""
 _COUNT = re.compile(r"^ *\d+ (?=N)")
 _SEQUENCE = re.compile(r"^(N[\d.]+) *")
 _NUMBER = re.compile(r"-?\d+\.\d+")
@@ -74,8 +64,7 @@ def run_rs274(text, folder: Path, tools=TOOL_TABLE, timeout=20):
     (folder / "p.ngc").write_text(with_line_numbers(text))
     (folder / "t.tbl").write_text(tools)
     (folder / "rs274.var").write_text("")
-    (folder / "f.ini").write_text(INI)
-    command = ["rs274", "-t", "t.tbl", "-v", "rs274.var", "-i", "f.ini", "-g", str(folder / "p.ngc")]
+    command = ["rs274", "-t", "t.tbl", "-v", "rs274.var", "-g", str(folder / "p.ngc")]
     result = subprocess.run(
         command,
         cwd=folder,
