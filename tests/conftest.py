@@ -1,12 +1,20 @@
-"""Markers that every room's tests share."""
+"""Markers and hypothesis profiles that every room's tests share.
+
+A test says its number of examples as a share of the profile's, ``2 * settings.default.max_examples``.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 STATEMENTS = Path(__file__).parents[1] / "docs" / "conformance-items.tsv"
+
+settings.register_profile("default", max_examples=100, derandomize=True, deadline=None)
+settings.register_profile("explore", max_examples=2000, deadline=None, print_blob=True)
+settings.load_profile("default")
 
 
 def pytest_configure(config: pytest.Config) -> None:

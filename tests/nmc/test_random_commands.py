@@ -193,9 +193,7 @@ class Commands(RuleBasedStateMachine):
 
 
 TestCommands = Commands.TestCase
-TestCommands.settings = settings(
-    max_examples=120, stateful_step_count=25, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True
-)
+TestCommands.settings = settings(stateful_step_count=25, suppress_health_check=list(HealthCheck))
 
 
 @pytest.mark.slow
@@ -206,6 +204,8 @@ def test_more_of_it() -> None:
     run_state_machine_as_test(
         Commands,
         settings=settings(
-            max_examples=1500, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
+            max_examples=15 * settings.default.max_examples,
+            stateful_step_count=40,
+            suppress_health_check=list(HealthCheck),
         ),
     )

@@ -49,7 +49,7 @@ def test_nominal_timer_follows_the_sheet() -> None:
     assert timer.left == 0
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings.default.max_examples)
 @given(st.integers(0, 2**32 - 1))
 def test_real_chip_lies_between_the_bounds(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def test_real_chip_lies_between_the_bounds(seed: int) -> None:
     assert twin.surely_moving_until_ns() <= arrival <= twin.surely_stopped_from_ns()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings.default.max_examples)
 @given(st.integers(0, 2**32 - 1))
 def test_latched_positions_never_exclude_the_real_chip(seed: int) -> None:
     rng = np.random.default_rng(seed)

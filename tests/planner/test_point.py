@@ -13,7 +13,7 @@ from planner.types import Limits
 positive = st.floats(1e-3, 1e3)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=2 * settings.default.max_examples)
 @given(positive, positive, positive, st.one_of(st.just(np.inf), st.floats(1.0, 1e6)))
 def test_ruckig_and_the_closed_form_take_the_same_time(length, speed, acceleration, jerk):
     a, b = rest_to_rest(length, speed, acceleration, jerk), closed_form(length, speed, acceleration, jerk)
@@ -63,7 +63,7 @@ def test_no_move_takes_no_time():
     assert t.q(np.array([0.0, 1.0])).tolist() == [[1.0], [1.0]]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=settings.default.max_examples // 3)
 @given(st.integers(0, 2**32 - 1))
 def test_a_rapid_of_a_plan_is_ruckigs(seed):
     rng = np.random.default_rng(seed)

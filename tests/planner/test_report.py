@@ -102,7 +102,7 @@ def test_the_report_is_text_and_json():
     assert "limited by" in r.text()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=settings.default.max_examples // 4)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_finite_differences_of_the_plan_file_keep_uneven_limits(tmp_path_factory, seed, filtered):
     rng = np.random.default_rng(seed)

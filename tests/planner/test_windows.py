@@ -53,7 +53,7 @@ def streamed(commands, limits, moves):
     return seconds, np.concatenate(speeds)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=2 * settings.default.max_examples)
 @given(programs())
 def test_windows_kernel_and_toppra_agree_and_keep_the_limits(program):
     commands, limits = program

@@ -75,7 +75,7 @@ def play(rig, send, actions, glances):
     ], [(v.time_ns, v.rule) for v in sim.violations]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=3 * settings.default.max_examples // 2)
 @given(st.lists(st.tuples(step_action, st.integers(0, 300)), min_size=1, max_size=8), waits, st.integers(0, 3))
 def test_a_stepper_does_not_notice_being_looked_at(actions, glances, mode):
     rigs = [steppers(mode=mode, least_speed=3, switches=SWITCHES) for _ in range(2)]
@@ -89,7 +89,7 @@ def test_a_stepper_does_not_notice_being_looked_at(actions, glances, mode):
     assert int((alone[1] * alone[2]).sum()) == chip.position + zeroed
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=settings.default.max_examples // 2)
 @given(st.lists(st.tuples(servo_action, st.integers(0, 200)), min_size=1, max_size=6), waits)
 def test_a_servo_does_not_notice_being_looked_at(actions, glances):
     rigs = [servos(switches=SWITCHES[:2]) for _ in range(2)]

@@ -111,9 +111,7 @@ def found(sim, host: RawHost):
     return kinds
 
 
-AnyHost.TestCase.settings = settings(
-    max_examples=100, stateful_step_count=25, deadline=None, suppress_health_check=list(HealthCheck)
-)
+AnyHost.TestCase.settings = settings(stateful_step_count=25, suppress_health_check=list(HealthCheck))
 test_any_host = AnyHost.TestCase
 
 
