@@ -14,14 +14,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from gcode.canon import Command, MoveBlock
+from gcode.canon import Command, MoveBlock, Text
 from planner import kernel, timeline
 from planner.errors import PlanError
 from planner.jerk import FilteredTrajectory
 from planner.kinematics import Kinematics
 from planner.paths import cut, divide, join_intervals, resting
 from planner.plan import BATCH_MOVES, Setting, setting_of
+from planner.reader import FEED_OVERRIDE
 from planner.rotary_table import RotaryTable
 from planner.stages import Chunk, chunks
 from planner.timeline import Timeline
@@ -67,7 +69,18 @@ class LiveTrajectory:
         self._held = False
         self._pending: tuple[Pieces, list[Event]] = (timeline.no_pieces(), [])
         self._view: PathTrajectory | FilteredTrajectory | None = None
+        self._fixed_before = False
         self.rate = Rate()
+
+    @classmethod
+    def planned(cls, setting: Setting, path: Intervals, marks: Sequence[NodeMark], line: Timeline) -> LiveTrajectory:
+        """One that has been planned to its end elsewhere: intervals, marks and timeline of a finished plan."""
+        made = cls((), setting)
+        made._source = iter(())
+        made._path, made._marks, made._line = path, list(marks), line
+        made._node = made._scheduled = len(path)
+        made._ended = True
+        return made
 
     # What is planned
 
@@ -136,17 +149,22 @@ class LiveTrajectory:
             return
         first = int(self._line.pieces.interval[count])
         self._line = self._line.without(count, first)
+        self._fixed_before = self._switched(first)
         self._path = cut(self._path, first, len(self._path))
         self._marks = [replace(m, node=m.node - first) for m in self._marks if m.node >= first]
         self._node -= first
         self._scheduled -= first
         self._view = None
 
+    def view(self) -> PathTrajectory | FilteredTrajectory:
+        """What is settled, as a trajectory of its own that later changes leave alone."""
+        return self._at(np.zeros(1))
+
     # Rate control
 
     def override(self, sent_s: float, rate: Rate) -> None:
         """Change the rate of everything after ``sent_s``. Raises PlanError outside feed 0..2, rapid 0..1."""
-        if not (0.01 <= rate.feed <= 2 and 0.01 <= rate.rapid <= 1):
+        if not (0.01 <= rate.feed <= 2 and 0.01 <= min(rate.rapid, rate.bus) and max(rate.rapid, rate.bus) <= 1):
             raise PlanError(0, "", f"override {rate.feed:g}, rapids {rate.rapid:g}: outside 0.01..2 and 0.01..1")
         if not self._held:
             self._rewind(sent_s)
@@ -235,7 +253,7 @@ class LiveTrajectory:
         if n == 0:
             return x, cap, 0
         tangents = c.tangents(p)
-        speed = speed_cap(p, tangents, c.velocity, self.rate)
+        speed = speed_cap(p, tangents, c.velocity, self.rate, self._fixed(n))
         limits = c.velocity, c.acceleration, corner_caps(p)
         kernel.node_caps(p.length, *tangents, speed, p.stop, *limits, cap, node_cap)
         if self._x > 0:
@@ -251,6 +269,19 @@ class LiveTrajectory:
             commit = int(kernel.commit_point(safe, hopeful))
         kernel.forward(p.length, *tangents, c.acceleration, safe, self._x, x)
         return x, cap, commit
+
+    def _switched(self, node: int) -> bool:
+        """Whether the program forbids overrides from ``node`` on."""
+        switches = [m for m in self._marks if m.node <= node and _switch(m.command) is not None]
+        return not _switch(switches[-1].command) if switches else self._fixed_before
+
+    def _fixed(self, count: int) -> npt.NDArray[np.bool_] | None:
+        """Which of the ``count`` intervals from the present node on nobody may override; None: all are free."""
+        ahead = [m for m in self._marks if m.node > self._node and _switch(m.command) is not None]
+        fixed = np.full(count, self._switched(self._node))
+        for m in ahead:
+            fixed[m.node - self._node :] = not _switch(m.command)
+        return fixed if fixed.any() else None
 
     def _rewind(self, sent_s: float) -> int | None:
         """Undo everything after ``sent_s``: node and x become the state there. In a rest, that piece's number: the
@@ -290,9 +321,16 @@ class LiveTrajectory:
         elif self._path.length[i] - offset_mm < SNAP_MM:
             self._node = i + 1
         else:
-            self._path = divide(self._path, i, offset_mm)
-            self._marks = [m if m.node <= i else replace(m, node=m.node + 1) for m in self._marks]
+            self._divide(i, offset_mm)
             self._node = self._scheduled = i + 1
+            p = self._path
+            if p.stop[i + 2] and not np.array_equal(p.tangent_in[i + 1], p.tangent_out[i + 1]):
+                # from rest to rest: a parabola alone has one s'', and cannot begin and end with nothing
+                self._divide(i + 1, float(p.length[i + 1]) / 2)
+
+    def _divide(self, i: int, offset_mm: float) -> None:
+        self._path = divide(self._path, i, offset_mm)
+        self._marks = [m if m.node <= i else replace(m, node=m.node + 1) for m in self._marks]
 
     def _suspend(self, sent_s: float, m: int) -> None:
         """Interrupt the rest that piece ``m`` began; what is left of it waits for ``resume``."""
@@ -324,6 +362,11 @@ class LiveTrajectory:
             self._append(last, [], first + j)
         self._node_at(first + j, offset)
         return float(p.length[:j].sum() + offset)
+
+
+def _switch(command: Command) -> bool | None:
+    """True and False where a command allows or forbids overrides of feed and rapids, None elsewhere."""
+    return FEED_OVERRIDE.get(command.function) if isinstance(command, Text) else None
 
 
 def live(

@@ -34,12 +34,16 @@ BATCH_MOVES = 8192
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A planned program: its trajectory, the timed path under it, and what is to be said of it."""
+    """A planned program: its trajectory, the timed path under it, and what is to be said of it.
+
+    setting: what it was planned with, so that it can be timed anew; None where that is not possible.
+    """
 
     trajectory: PathTrajectory | FilteredTrajectory
     timed: Timed
     limits: Limits
     report: PlanReport
+    setting: Setting | None = None
 
     def save(self, path: str | Path) -> None:
         """Write plan.npz: t_s f8[N] (at most 1 ms apart, and every junction), q f8[N, A], v f8[N, A], line i4[N],
@@ -114,7 +118,7 @@ def plan(
     if measured and len(timed.intervals):
         deviation = replace(deviation, measured_mm=_measured(trajectory, commands, setting))
     report = survey(trajectory, timed, limits, setting.constraints, chosen, deviation, work_offset, travel)
-    return Plan(trajectory, timed, limits, report)
+    return Plan(trajectory, timed, limits, report, setting)
 
 
 def _timed(commands: Iterable[Command | MoveBlock], setting: Setting, solver: Solver) -> tuple[Timed, Deviation, str]:

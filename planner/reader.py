@@ -34,6 +34,8 @@ from planner.types import F8, I4
 MODES = {"exact_stop": MODE_EXACT_STOP, "exact_path": MODE_EXACT_PATH, "continuous": MODE_CONTINUOUS}
 IN_MOTION = (canon.Message, canon.Text)
 """Commands that never stop the axes."""
+FEED_OVERRIDE = {"DISABLE_FEED_OVERRIDE()": False, "ENABLE_FEED_OVERRIDE()": True}
+"""M49 and M50 P0, M48 and M50: where the path reaches one of these, overrides of feed and rapids end or begin again."""
 
 
 @dataclass(slots=True)
@@ -133,7 +135,7 @@ class MoveReader:
             moving = isinstance(item, IN_MOTION) or (isinstance(item, canon.Output) and item.synchronised)
             if not moving:
                 self._rest()
-            if not isinstance(item, canon.Text):
+            if not isinstance(item, canon.Text) or item.function in FEED_OVERRIDE:
                 self._marks.append(Mark(self._count, item, rest=not moving))
 
     def _rest(self) -> None:

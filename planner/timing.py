@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from gcode.canon import Command, Dwell
 from planner.constraints import Constraints
@@ -84,21 +85,37 @@ def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tu
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """Overrides: feed 0..2 of programmed feeds, rapid 0..1 of rapids; 1 is the program."""
+    """Overrides: feed 0..2 of programmed feeds, rapid 0..1 of rapids; 1 is the program.
+
+    bus: 0..1 of all speeds, what the bus can carry; where the program forbids overrides (M49) this one holds alone.
+    """
 
     feed: float = 1.0
     rapid: float = 1.0
+    bus: float = 1.0
 
 
-def speed_cap(p: Intervals, tangents: tuple[F8, F8], velocity: F8, rate: Rate | None = None) -> F8:
-    """Cap on s' f8[N] by feed and overrides, and by what no override raises; axis velocities come on top."""
+def speed_cap(
+    p: Intervals,
+    tangents: tuple[F8, F8],
+    velocity: F8,
+    rate: Rate | None = None,
+    fixed: npt.NDArray[np.bool_] | None = None,
+) -> F8:
+    """Cap on s' f8[N] by feed and overrides, and by what no override raises; axis velocities come on top.
+
+    fixed: bool[N], intervals whose feed the program does not let anybody override.
+    """
     speed = p.feed_mm_s
     if rate is not None and rate != Rate():
         rapid = np.isinf(speed)
-        speed = speed * rate.feed
-        if rate.rapid < 1 and rapid.any():
-            most = np.maximum(np.abs(tangents[0][rapid]), np.abs(tangents[1][rapid]))
-            speed[rapid] = rate.rapid * (velocity / np.maximum(most, 1e-12)).min(axis=1)
+        share = np.where(rapid, rate.rapid, rate.feed)
+        share = (share if fixed is None else np.where(fixed, 1.0, share)) * rate.bus
+        slow = rapid & (share < 1)
+        speed = np.where(rapid, np.inf, speed * share)
+        if slow.any():
+            most = np.maximum(np.abs(tangents[0][slow]), np.abs(tangents[1][slow]))
+            speed[slow] = share[slow] * (velocity / np.maximum(most, 1e-12)).min(axis=1)
     return speed if p.bound_mm_s is None else np.minimum(speed, p.bound_mm_s)
 
 

@@ -67,7 +67,7 @@ class Intervals:
 class Event:
     """Something that happens at ``time_s`` of the trajectory, while all axes rest.
 
-    Only a ``Message`` and a synchronised ``Output`` do not wait for rest.
+    Only a ``Message``, a synchronised ``Output`` and a switch of the feed override (``Text``) do not wait for rest.
     """
 
     time_s: float

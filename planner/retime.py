@@ -1,0 +1,153 @@
+"""A planned trajectory that can be timed anew while it runs: hold, resume and override of a whole plan.
+
+Undisturbed it *is* the plan, sample for sample. The first hold or override puts the plan's path, marks and timeline
+into a ``LiveTrajectory``, as if that had planned them, and from then on the live one is asked. So a run that nobody
+disturbs costs nothing and sends the same bytes as ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planner.jerk import FilteredTrajectory
+from planner.live import LiveTrajectory, Rest
+from planner.paths import cut
+from planner.plan import Plan
+from planner.timeline import Timeline, part
+from planner.timing import Rate
+from planner.trajectory import PathTrajectory
+from planner.types import F8, I4, Event, Trajectory
+
+SLIVER_S = 1e-9
+"""What is left of a piece at a cut, if shorter, is nothing."""
+
+
+class RetimablePlan:
+    """A plan, or the stretch of it that ``undisturbed`` shows; implements ``Trajectory`` and rate control.
+
+    plan: one with a ``setting``. undisturbed: the plan's own trajectory, or a view on its stretch that begins at
+    ``begin_s`` at rest. Raises ValueError for a plan that cannot be timed anew.
+    """
+
+    def __init__(self, plan: Plan, undisturbed: Trajectory | None = None, begin_s: float = 0.0) -> None:
+        if plan.setting is None:
+            raise ValueError("this plan cannot be timed anew")
+        self._plan = plan
+        self._now: Trajectory = plan.trajectory if undisturbed is None else undisturbed
+        self._begin_s = begin_s
+        self._live: LiveTrajectory | None = None
+        self.rest: Rest | None = None
+        """Where and when the last hold comes to rest, as it was announced."""
+
+    @property
+    def disturbed(self) -> bool:
+        """A hold or an override has changed its times."""
+        return self._live is not None
+
+    def streamed(self) -> Trajectory:
+        """What has been streamed: the plan itself, or its path with the times that held at last."""
+        if self._live is None:
+            return self._now
+        self._live.extend(np.inf)
+        return self._live.view()
+
+    # The trajectory
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the planned axes."""
+        return self._now.axes
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the end; while held, of the rest."""
+        return self._now.duration_s
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What happens on the way, ascending in time."""
+        return self._now.events
+
+    def q(self, t_s: F8) -> F8:
+        """Positions f8[len(t), A], mm or degrees, machine frame."""
+        return self._now.q(t_s)
+
+    def v(self, t_s: F8) -> F8:
+        """Velocities f8[len(t), A], mm/s."""
+        return self._now.v(t_s)
+
+    def a(self, t_s: F8) -> F8:
+        """Accelerations f8[len(t), A], mm/s2."""
+        return self._now.a(t_s)
+
+    def line(self, t_s: F8) -> I4:
+        """Source line i4[len(t)]."""
+        return self._now.line(t_s)
+
+    def junctions_s(self) -> F8:
+        """Ascending times at which a piece begins or ends."""
+        return self._now.junctions_s()
+
+    # Rate control
+
+    def hold(self, sent_s: float) -> Rest:
+        """Brake to rest from the state at ``sent_s`` as hard as the axes allow."""
+        self.rest = self._retimed().hold(max(sent_s, 0.0))
+        return self.rest
+
+    def resume(self, sent_s: float) -> None:
+        """Go on after a hold, from rest or while still braking."""
+        self._retimed().resume(max(sent_s, 0.0))
+
+    def override(self, sent_s: float, rate: Rate) -> None:
+        """Change the rate of everything after ``sent_s``. Raises PlanError outside the ranges of ``LiveTrajectory``."""
+        self._retimed().override(max(sent_s, 0.0), rate)
+
+    def _retimed(self) -> LiveTrajectory:
+        if self._live is None:
+            self._live = live_of(self._plan, self._begin_s, self._begin_s + self._now.duration_s)
+            self._now = self._live
+        return self._live
+
+
+def live_of(plan: Plan, begin_s: float, end_s: float) -> LiveTrajectory:
+    """The stretch [begin_s, end_s] of a plan as a live trajectory that is planned to its end; it begins at rest.
+
+    Marks and events of a plan are the same things in the same order, so an event's time says which marks lie inside.
+    """
+    assert plan.setting is not None
+    base = plan.trajectory.base if isinstance(plan.trajectory, FilteredTrajectory) else plan.trajectory
+    if not len(plan.timed.intervals):
+        line = Timeline(0.0, base.pieces, tuple(base.events))
+        return LiveTrajectory.planned(plan.setting, plan.timed.intervals, plan.timed.marks, line)
+    first, line = _stretch(base, begin_s, end_s)
+    last = int(line.pieces.interval[-1]) + 1
+    path = cut(plan.timed.intervals, first, first + last)
+    marks = [
+        replace(mark, node=mark.node - first)
+        for mark, event in zip(plan.timed.marks, base.events, strict=True)
+        if begin_s <= event.time_s < end_s or (begin_s <= event.time_s and end_s >= base.duration_s)
+    ]
+    return LiveTrajectory.planned(plan.setting, path, marks, line)
+
+
+def _stretch(base: PathTrajectory, begin_s: float, end_s: float) -> tuple[int, Timeline]:
+    """Number of the first interval, and the pieces of a stretch with interval numbers and times from its beginning."""
+    begins, ends = base.begin_s, np.append(base.begin_s[1:], base.duration_s)
+    m = int(np.searchsorted(ends, begin_s + SLIVER_S, side="right"))
+    n = max(int(np.searchsorted(begins, end_s - SLIVER_S, side="left")), m + 1)
+    pieces = part(base.pieces, m, n)
+    duration = pieces.duration_s.copy()
+    duration[0] -= max(begin_s - float(begins[m]), 0.0)
+    duration[-1] -= max(float(ends[n - 1]) - end_s, 0.0)
+    first = int(pieces.interval[0])
+    pieces = replace(pieces, duration_s=duration, interval=pieces.interval - np.int32(first))
+    events = tuple(
+        replace(event, time_s=event.time_s - begin_s)
+        for event in base.events
+        if begin_s <= event.time_s < end_s or (begin_s <= event.time_s and end_s >= base.duration_s)
+    )
+    return first, Timeline(0.0, pieces, events)
