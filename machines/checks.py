@@ -11,6 +11,8 @@ from typing import Any
 
 from machines.arith import evaluate
 from machines.cy545rates import STAND_IN, read_rates
+from machines.outputs_rules import members as spindle_members
+from machines.outputs_rules import output_checks
 
 Found = tuple[tuple[str, ...], str, str]
 """Key path, message, hint."""
@@ -28,6 +30,7 @@ def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
     yield from _references(data)
     yield from _home_switches(data)
     yield from _lines(data)
+    yield from output_checks(data)
 
 
 def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -35,12 +38,13 @@ def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return table if isinstance(table, dict) else {}
 
 
-def _members(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], Mapping[str, Any]]]:
-    """All that hangs on a bus: axes, further motors, other modules."""
+def _members(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """All that hangs on a bus: axes, further motors, other modules, the spindle's."""
     for section in ("axis", "motor", "module"):
         for name, table in _table(data, section).items():
             if isinstance(table, dict):
                 yield (section, name), table
+    yield from spindle_members(data)
 
 
 def _axis_names(data: Mapping[str, Any]) -> Iterator[Found]:

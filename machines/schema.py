@@ -9,18 +9,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from machines.arith import nonzero, number, whole
+from machines.arith import number, whole
+from machines.outputs_schema import AnalogTable, CoolantTable, OutputTable, SpindleTable
+from machines.tables import Address, Byte, NotNegative, Number, Positive, Scale, ServoTable, Table
 
-Number = Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)]
-Positive = Annotated[float, BeforeValidator(number), Field(gt=0, allow_inf_nan=False)]
-Scale = Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False), AfterValidator(nonzero)]
-NotNegative = Annotated[float, BeforeValidator(number), Field(ge=0, allow_inf_nan=False)]
-Byte = Annotated[int, BeforeValidator(whole), Field(ge=0, le=255)]
-Address = Annotated[int, BeforeValidator(whole), Field(ge=1, le=127)]
-Integer = Annotated[int, BeforeValidator(whole)]
 CountLatch = Literal["rollover", "immediate", "unknown"]
+FirstStep = Literal["period", "immediate", "unknown"]
 Chip = Literal["pic-step", "pic-servo", "cy545"]
 
 CHIPS = ("pic-step", "pic-servo", "cy545")
@@ -28,12 +24,6 @@ SHORTEST_WATCHDOG_MS = 30
 """At 9600 baud the nulls that end a half-sent packet alone take most of this."""
 BAUDS = (9600, 19200, 57600, 115200)
 """The rates both NMC data sheets list under Set Baud Rate."""
-
-
-class Table(BaseModel):
-    """Base of all tables: frozen, strict, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class MachineTable(Table):
@@ -98,20 +88,6 @@ class StepTable(Table):
     motor_off_on_stop: bool = False
 
 
-class ServoTable(Table):
-    """``[axis.X.servo]``: what Set Gain of a PIC-SERVO is told (data sheet section 5.2)."""
-
-    kp: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)]
-    kd: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)]
-    ki: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)] = 0
-    integration_limit: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x7FFF)] = 0
-    output_limit: Byte = 255
-    current_limit: Byte = 0
-    position_error_limit: Annotated[int, BeforeValidator(whole), Field(ge=0, le=0x3FFF)] = 0x3FFF
-    servo_rate_divisor: Annotated[int, BeforeValidator(whole), Field(ge=1, le=255)] = 1
-    deadband: Byte = 0
-
-
 class AxisKeys(Table):
     """What an axis may do, whatever drives it. ``travel``: least and greatest machine coordinate."""
 
@@ -136,23 +112,57 @@ class AxisKeys(Table):
         return self
 
 
+class Measured(Table):
+    """Of every record of a measurement. ``measured_on``: the port, or ``twin`` and its seed; ``date``: of that day."""
+
+    date: str = ""
+    measured_on: str = ""
+
+
+class CrystalTable(Measured):
+    """``[axis.X.crystal]``, written by calibrate: the module's crystal runs ``ppm`` fast against the host's clock.
+
+    ``within_ppm``: it is certainly within plus or minus that of it.
+    """
+
+    ppm: Annotated[float, BeforeValidator(number), Field(ge=-2000, le=2000)]
+    within_ppm: Annotated[float, BeforeValidator(number), Field(gt=0, le=2000)]
+
+
+class ProbedTable(Measured):
+    """``[axis.X.probed]``, written by probe-latch: what ``count_latch`` and ``first_step`` of the axis rest on.
+
+    ``version``: of the module's firmware; ``load_trials``, ``start_trials``: runs that were looked at; ``start_delay_ms``
+    and ``start_delay_error_ms``: mean time from a start's last byte to its execution, and its standard error.
+    """
+
+    version: Annotated[int, BeforeValidator(whole), Field(ge=0, le=255)]
+    load_trials: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 0
+    start_trials: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 0
+    start_delay_ms: Number = 0.0
+    start_delay_error_ms: NotNegative = 0.0
+
+
 class MotorKeys(Table):
     """Where an NMC chip hangs: ``address`` counts the chain, 1 is the module farthest from the host."""
 
     bus: str
     address: Address
+    crystal: CrystalTable | None = None
 
 
 class StepMotorTable(MotorKeys):
     """A motor behind a PIC-STEP.
 
     ``steps_per_unit``: negative turns the motor round. ``count_latch``: when a count loaded while moving takes effect,
-    as measured on this module.
+    ``first_step``: whether the first step comes one period after a start or at once; both as measured on this module.
     """
 
     chip: Literal["pic-step"]
     steps_per_unit: Scale
     count_latch: CountLatch = "unknown"
+    first_step: FirstStep = "unknown"
+    probed: ProbedTable | None = None
     step: StepTable = StepTable()
 
 
@@ -208,9 +218,9 @@ class ServoExtra(ServoMotorTable):
 
 
 class ModuleTable(MotorKeys):
-    """``[module.NAME]``: a module of a bus that moves no axis."""
+    """``[module.NAME]``: a module of a bus that moves no axis: a PIC-I/O, or a PIC-SERVO whose PWM is an output."""
 
-    chip: Literal["pic-io"]
+    chip: Literal["pic-io", "pic-servo"]
 
 
 def _chip(value: Any) -> str:
@@ -280,7 +290,10 @@ class SimTable(Table):
     start_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
     reply_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.5
     count_latch: Literal["rollover", "immediate"] = "rollover"
-    axis: dict[str, SimMotor] = {}
+    first_step: Literal["period", "immediate"] = "period"
+    axis: dict[str, SimMotor] = Field(default_factory=dict)
+    spindle: PlantTable = PlantTable()
+    """``[sim.spindle]``: motor and load of a spindle on a PIC-SERVO; its encoder is that of ``[spindle]``."""
 
 
 class VerifyTable(Table):
@@ -294,6 +307,8 @@ class VerifyTable(Table):
     end_error_steps: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 0
     time_percent: NotNegative = 1.0
     time_slack_s: NotNegative = 0.05
+    output_ms: NotNegative = 5.0
+    """How far an output may change from its planned instant."""
 
 
 class MachineConfig(Table):
@@ -302,7 +317,11 @@ class MachineConfig(Table):
     machine: MachineTable
     bus: dict[str, BusTable] = Field(min_length=1)
     axis: dict[str, AnyAxis] = Field(min_length=1)
-    motor: dict[str, AnyMotor] = {}
-    module: dict[str, ModuleTable] = {}
+    motor: dict[str, AnyMotor] = Field(default_factory=dict)
+    module: dict[str, ModuleTable] = Field(default_factory=dict)
+    spindle: SpindleTable | None = None
+    coolant: CoolantTable | None = None
+    output: dict[str, OutputTable] = Field(default_factory=dict)
+    analog: dict[str, AnalogTable] = Field(default_factory=dict)
     sim: SimTable = SimTable()
     verify: VerifyTable = VerifyTable()

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from machines.schema import MachineConfig, ServoTable
+from machines.schema import MachineConfig
+from machines.tables import ServoTable
 from machines.wiring import servo_tables
 from planner.types import F8
 from sim.trace import Trace
