@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gcode.block import Block
 from gcode.canon import Output
 from gcode.codes import COOLANT, IO, OVERRIDE, SPINDLE, SPINDLE_MODE, g_name
@@ -21,13 +23,23 @@ def set_spindle_mode(machine: Machine, block: Block) -> None:
     """G96 D S (surface speed, at most D rpm) and G97."""
     check_spindle_number(block)
     code = block.g[SPINDLE_MODE]
-    machine.state.spindle_mode = code
+    state = machine.state
+    followed = state.spindle_mode == 960
+    state.spindle_mode = code
     if code == 970:
-        machine.emit.text("SET_SPINDLE_MODE(0 0.0000)")
+        state.spindle_limit_rpm = math.inf
+        if followed:
+            machine.emit.spindle("SET_SPINDLE_MODE(0 0.0000)")  # S is a speed in rpm from here on
+        else:
+            machine.emit.text("SET_SPINDLE_MODE(0 0.0000)")
         return
     machine.warn(
-        "GC203", f"{g_name(code)} is not followed: the spindle turns at S rpm", "use G97 and a speed in rpm", "g"
+        "GC203",
+        f"{g_name(code)} is followed only by a machine with a [spindle] whose speed can be set",
+        "use G97 and a speed in rpm",
+        "g",
     )
+    state.spindle_limit_rpm = abs(block.words.get("d", math.inf))
     machine.emit.text(f"SET_SPINDLE_MODE(0 {abs(block.words.get('d', 1e30)):.4f})")
 
 

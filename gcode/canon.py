@@ -9,6 +9,7 @@ Source: NIST RS274/NGC version 3, section 4 (canonical machining functions), in 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -137,12 +138,19 @@ class PathControl(Command):
 
 @dataclass(frozen=True, slots=True)
 class Spindle(Command):
-    """M3, M4, M5, S, M19. ``direction``: +1 clockwise, -1 counter-clockwise, 0 stopped."""
+    """M3, M4, M5, S, M19. ``direction``: +1 clockwise, -1 counter-clockwise, 0 stopped.
+
+    ``surface_mm_s``: under G96 the surface speed that S asks for, 0 under G97; ``limit_rpm``: D of G96;
+    ``axis_x_mm``: machine X at which the radius is zero.
+    """
 
     direction: Literal[-1, 0, 1]
     speed_rpm: float
     spelled: str = ""
     """The canonical function as it is printed (several lines: one each); "" prints what the fields say."""
+    surface_mm_s: float = 0.0
+    limit_rpm: float = math.inf
+    axis_x_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +192,18 @@ class Output(Command):
     value: float
     analog: bool
     synchronised: bool
+
+
+@dataclass(frozen=True, slots=True)
+class UserCommand(Command):
+    """M100 to M199: what the machine's owner has given the code ``number``. The machine waits until it is done.
+
+    p, q: the P and Q words of the line, None where there is none.
+    """
+
+    number: int
+    p: float | None = None
+    q: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,10 +126,17 @@ class Emitter:
         self.command(SpindleSynch(self.line, None if pitch is None else pitch * self.state.unit_mm))
 
     def spindle(self, spelled: str) -> None:
-        """The spindle as the state has it now."""
+        """The spindle as the state has it now. Surface speed is S in m/min, or ft/min under G20."""
         state = self.state
         direction = (state.spindle_direction > 0) - (state.spindle_direction < 0)
-        self.command(Spindle(self.line, direction, state.spindle_rpm, spelled))  # type: ignore[arg-type]
+        if state.spindle_mode == 970:
+            self.command(Spindle(self.line, direction, state.spindle_rpm, spelled))  # type: ignore[arg-type]
+            return
+        surface_mm_s = abs(state.spindle_rpm) * (1000.0 if state.unit_mm == 1.0 else 304.8) / 60.0
+        axis_x_mm = self.frame.to_machine((0.0,) * 9)[0]
+        self.command(
+            Spindle(self.line, direction, 0.0, spelled, surface_mm_s, state.spindle_limit_rpm, axis_x_mm)  # type: ignore[arg-type]
+        )
 
     def coolant(self, spelled: str) -> None:
         """The coolant as the state has it now."""

@@ -60,6 +60,7 @@ class State:
     merge: float | None = None
     retract: int = 990
     spindle_mode: int = 970
+    spindle_limit_rpm: float = math.inf
     lathe_diameter: bool = False
     compensation: int = 400
     tool_length: int = 490
