@@ -6,7 +6,7 @@ power during a dwell is noticed then and not at its end.
 
 from __future__ import annotations
 
-from nmc.chips.common import NOP
+from nmc.chips.common import NOP, START_MOTION
 from nmc.program import Evidence, Exchange, ExchangeSource
 
 LONGEST_WAIT_NS = 50_000_000
@@ -19,9 +19,17 @@ class PatientSource:
         self._inner = inner
         self._address = address
         self._waiting: Exchange | None = None
+        self._recalled = False
+
+    def recall(self) -> None:
+        """A group Start that is waited for must not leave any more: the times have changed."""
+        self._recalled = self._waiting is not None and self._waiting.command == START_MOTION
 
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
         """The inner source's next exchange, or a No Operation while that is still far off."""
+        if self._recalled and self._waiting is not None:
+            evidence = Evidence(self._waiting, now_ns, now_ns, None, sent=False)
+            self._waiting, self._recalled = None, False
         exchange = self._waiting
         if exchange is None:
             exchange = self._inner.next(now_ns, evidence)

@@ -164,7 +164,7 @@ class LiveTrajectory:
 
     def override(self, sent_s: float, rate: Rate) -> None:
         """Change the rate of everything after ``sent_s``. Raises PlanError outside feed 0..2, rapid 0..1."""
-        if not (0.01 <= rate.feed <= 2 and 0.01 <= min(rate.rapid, rate.bus) and max(rate.rapid, rate.bus) <= 1):
+        if not (0.01 <= rate.feed <= 2 and min(rate.rapid, rate.bus) >= 0.01 and max(rate.rapid, rate.bus) <= 1):
             raise PlanError(0, "", f"override {rate.feed:g}, rapids {rate.rapid:g}: outside 0.01..2 and 0.01..1")
         if not self._held:
             self._rewind(sent_s)

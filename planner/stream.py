@@ -62,6 +62,7 @@ class StreamSource:
         self.trajectory = trajectory
         self.plan_start_ns = start_ns
         self._stream = stream
+        self._former: StepSchedule | None = None
         self._run = stream.run()
         self._now_ns = 0
         self._line, self._line_ns = 0, -LINE_NS
@@ -69,6 +70,8 @@ class StreamSource:
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
         """The next exchange, or None when every leg is done."""
         self._now_ns = self._stream.now_ns = now_ns
+        if self._former is not None:
+            self._former.now_ns = now_ns  # it still ends its slice
         try:
             exchange = next(self._run) if evidence is None else self._run.send(evidence)
         except StopIteration:
@@ -117,10 +120,13 @@ class StreamSource:
         return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S
 
     def _rate_control(self) -> tuple[AdaptiveSchedule, Retimed]:
-        if not isinstance(self._stream, AdaptiveSchedule) or isinstance(self._stream, ExactSchedule):
-            raise ValueError("this profile cannot hold; adaptive, smooth and stop-here can")
+        if isinstance(self._stream, ExactSchedule):
+            raise ValueError("profile exact cannot hold; the others can")
         if not isinstance(self.trajectory, Retimed):
             raise ValueError("this trajectory cannot be timed anew")
+        if isinstance(self._stream, GroupSchedule):
+            self._former, self._stream = self._stream, self._stream.hand_over()
+        assert isinstance(self._stream, AdaptiveSchedule)
         return self._stream, self.trajectory
 
     def progress(self) -> Progress:
@@ -135,9 +141,10 @@ class StreamSource:
 
     def counts(self) -> StreamCounts:
         """Slices and late slices so far; ``slice_ms`` is the mean over the whole stream."""
-        slices = self._stream.slices
+        streams = [each for each in (self._former, self._stream) if each is not None]
+        slices, late = (sum(counts) for counts in zip(*((s.slices, s.late_slices) for s in streams), strict=True))
         span_ns = max(self._now_ns - self.plan_start_ns, 0)
-        return StreamCounts(slices, self._stream.late_slices, span_ns / 1e6 / slices if slices else 0.0)
+        return StreamCounts(slices, late, span_ns / 1e6 / slices if slices else 0.0)
 
     def _with_line(self, exchange: Exchange) -> Exchange:
         """Name the line that the exchange serves, looked up anew every few milliseconds of the plan."""

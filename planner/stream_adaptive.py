@@ -79,6 +79,11 @@ class AdaptiveSchedule(StepSchedule):
         else:
             yield from self.depart(min(due))
 
+    @property
+    def changing(self) -> bool:
+        """New times have come and are not taken yet."""
+        return self._new_times is not None
+
     def retime(self, trajectory: Trajectory, rest_ns: int | None) -> None:
         """The trajectory has new times after what was sent. rest_ns: when a hold comes to rest, None without one."""
         self.hold = None if rest_ns is None else Hold(rest_ns)

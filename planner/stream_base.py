@@ -46,17 +46,12 @@ class StepSchedule:
 
     def run(self) -> Stream:
         """All exchanges until every leg is done and every axis rests."""
-        while True:
-            for axis in self.axes:
-                axis.settle(self.now_ns)
-            moving = any(axis.moving for axis in self.axes)
-            due = [ns for axis in self.axes if not axis.moving and (ns := axis.first_step_ns()) is not None]
-            if not moving and not due:
-                return
-            if moving:
-                yield from self.proceed()
-            else:
-                yield from self.depart(min(due))
+        raise NotImplementedError
+
+    @property
+    def changing(self) -> bool:
+        """New times have come for everything that has not begun."""
+        return False
 
     def proceed(self) -> Stream:
         """What is sent next while something moves."""
@@ -84,7 +79,12 @@ class StepSchedule:
         yield from self.start(start_ns, pending)
 
     def start(self, start_ns: int, pending: list[tuple[StepAxis, Load]]) -> Stream:
-        """Group Start Motion; an axis for which it has become too late leaves the group first."""
+        """Group Start Motion; an axis for which it has become too late leaves the group first.
+
+        A departure from rest for which new times have come does not happen: what is loaded is then loaded anew.
+        """
+        if self.changing and all(load.leg is not None for _, load in pending):
+            return
         latest = self.latest_ns(max(start_ns, self.now_ns))
         unsafe = [axis for axis, load in pending if load.leg is None and not axis.surely_moving_at(latest)]
         if unsafe:
@@ -101,7 +101,7 @@ class StepSchedule:
         start = Exchange(STREAMING_GROUP, START_MOTION, send_at_ns=start_ns, bus=self.bus, not_after_ns=last_ns)
         evidence = yield start
         if not evidence.sent:
-            self.late_slices += 1
+            self.late_slices += evidence.sent_ns > start_ns  # else it was recalled: nothing was late
             return
         window = self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, 0)
         for axis, load in pending:

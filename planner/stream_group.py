@@ -11,6 +11,7 @@ that the chip itself watches, helped by count-only loads of its own while that i
 from __future__ import annotations
 
 from nmc.program import Exchange
+from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import Load, StepAxis
 from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, PREPARE_NS, Said, StepSchedule, Stream
 
@@ -21,7 +22,36 @@ RECRUIT_SLICES = 3
 
 
 class GroupSchedule(StepSchedule):
-    """One group Start a slice."""
+    """One group Start a slice. A hold or an override goes on ``adaptive``, which takes the same for granted."""
+
+    successor: AdaptiveSchedule | None = None
+
+    @property
+    def changing(self) -> bool:
+        """A successor waits to take over."""
+        return self.successor is not None
+
+    def hand_over(self) -> AdaptiveSchedule:
+        """The schedule that goes on after the slice that is being said."""
+        if self.successor is None:
+            self.successor = AdaptiveSchedule(self.axes, self.timing, self.bus)
+            self.successor.groups = self.groups
+        return self.successor
+
+    def run(self) -> Stream:
+        """All exchanges until every leg is done and every axis rests, or until a successor takes over."""
+        while self.successor is None:
+            for axis in self.axes:
+                axis.settle(self.now_ns)
+            moving = any(axis.moving for axis in self.axes)
+            due = [ns for axis in self.axes if not axis.moving and (ns := axis.first_step_ns()) is not None]
+            if not moving and not due:
+                return
+            if moving:
+                yield from self.proceed()
+            else:
+                yield from self.depart(min(due))
+        yield from self.successor.run()
 
     def proceed(self) -> Stream:
         """One slice: everything that must be said before its Start, then the Start; without members, the rest alone."""

@@ -165,6 +165,7 @@ class StepLane:
         data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
         evidence = yield schedule.load(axis, data, turn.send_ns)
         if not evidence.sent:
+            schedule.late_slices += 1
             return
         schedule.expect_moving(axis, evidence)
         axis.executed(load, *schedule.window(evidence))

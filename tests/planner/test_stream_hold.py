@@ -53,8 +53,8 @@ def test_servos_hold_as_well(profile: str) -> None:
 
 
 def test_profiles_and_trajectories_without_rate_control_say_so() -> None:
-    with pytest.raises(ValueError, match="profile cannot hold"):
-        stream(Warped(circle(2.0, 20.0), 20.0), Conditions(), "group", [0.2])
+    with pytest.raises(ValueError, match="profile exact cannot hold"):
+        stream(Warped(circle(2.0, 20.0), 20.0), Conditions(), "exact", [0.2])
     with pytest.raises(ValueError, match="cannot be timed anew"):
         stream(circle(2.0, 20.0), Conditions(), "adaptive", [0.2])
 
@@ -79,3 +79,12 @@ def test_a_program_planned_while_it_runs_is_held_resumed_and_overridden() -> Non
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
     assert outcome.contour.contour_steps.max <= 4.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stream_in_slices_is_held_by_single_loads(seed: int) -> None:
+    path = Warped(random_path(seed, 40.0, duration_s=3.0), 40.0)
+    outcome = stream(path, Conditions(jitter_ms=0.2, seed=seed), "group", [0.7], [(1.8, 0.4), (2.4, 1.0)])
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+    assert outcome.contour.contour_steps.max <= 5.5  # the slices before the hold alone take 4.9
