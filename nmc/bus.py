@@ -3,12 +3,16 @@
 Replies carry no address, so the only proof of who speaks is the order of things: the next command leaves after the
 whole answer to the one before is in (PIC-STEP data sheet section 3.1), and after any doubt the line is brought back to
 silence with nulls (section 3.4 step 2) before anything else is sent.
+
+Every rule is written once, as a *talk* (``nmc/talk.py``): steps with waits between them. Alone, a bus waits on its own
+link; several buses wait together (``nmc/together.py``), each with one command in flight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from nmc.chips.common import (
     BAUD_DIVISORS,
@@ -35,8 +39,10 @@ from nmc.guard import Guard
 from nmc.link import Link
 from nmc.modes import Tracker
 from nmc.program import Evidence, Exchange
+from nmc.talk import Talk, Wait
 from nmc.wire import Reply, pack, unpack_reply
 
+T = TypeVar("T")
 _STATELESS = (NOP, READ_STATUS, DEFINE_STATUS)
 
 
@@ -95,13 +101,32 @@ class Bus:
         Raises LocalFault before any byte leaves; RemoteFault if the answer is damaged, tells of a communications error
         or of an armed fault bit; LinkTimeout if no whole answer comes. Repeatable commands are tried again first.
         """
+        return self.carry_out(self.talk(exchange, attempts=attempts))
+
+    def carry_out(self, talk: Talk[T]) -> T:
+        """Lead a talk to its end, waiting on this bus's own link."""
+        link = self.link
+        try:
+            wait = next(talk)
+            while True:
+                if wait.count:
+                    wait = talk.send(link.read(wait.count, wait.until_ns))
+                else:
+                    link.sleep_until(wait.until_ns)
+                    wait = talk.send(b"")
+        except StopIteration as end:
+            result: T = end.value
+            return result
+
+    def talk(self, exchange: Exchange, *, attempts: int | None = None) -> Talk[Evidence]:
+        """The steps of ``exchange``; a talk that is closed while its answer is out leaves the modules unsure."""
         guard = self.guard
         guard.check(exchange)
         replier = guard.replier(exchange.address)
         command, data = exchange.command, exchange.data
         if replier is not None:
             if command == STOP_MOTOR and replier.mask is None:
-                return self._stop_blindly(exchange)
+                return (yield from self._stop_blindly(exchange))
             extra_bytes: int | None = replier.reply_extra(command, data)
         elif guard.members(exchange.address):
             extra_bytes = None
@@ -110,17 +135,20 @@ class Bus:
         if command == HARD_RESET:
             extra_bytes = None
         packet = pack(exchange.address, command, data)
-        self._wait_for_turn(exchange, replier)
+        yield from self._wait_for_turn(exchange, replier)
         if extra_bytes is None:
-            return self._send_silent(exchange, packet)
+            return (yield from self._send_silent(exchange, packet))
         attempt = 1
         while True:
             sent_ns = self.link.now_ns()
             if self._expired(exchange, sent_ns):
                 return Evidence(exchange, sent_ns, sent_ns, None, sent=False)
             try:
-                reply = self._once(exchange, packet, extra_bytes)
+                reply = yield from self._once(exchange, packet, extra_bytes)
                 break
+            except GeneratorExit:
+                guard.lost(exchange)
+                raise
             except (LinkTimeout, RemoteFault) as error:
                 known = guard.repeatable(exchange) if guard.modules else command in _STATELESS
                 if not known or attempt >= (self.attempts if attempts is None else attempts):
@@ -133,7 +161,7 @@ class Bus:
         guard.settle(exchange, replier, reply.status, reply.extra)
         return evidence
 
-    def _wait_for_turn(self, exchange: Exchange, replier: Tracker | None) -> None:
+    def _wait_for_turn(self, exchange: Exchange, replier: Tracker | None) -> Talk[None]:
         wanted = exchange.send_at_ns
         now = self.link.now_ns()
         if wanted and now > wanted:
@@ -145,7 +173,7 @@ class Bus:
                 wanted = max(wanted, replier.last_sent_ns + interval)
                 replier.last_sent_ns = max(now, wanted)
         if wanted > now:
-            self.link.sleep_until(wanted)
+            yield Wait(wanted)
 
     def _expired(self, exchange: Exchange, now_ns: int) -> bool:
         """The last look at the clock: a host that was held up must not send what may not be safe any more."""
@@ -153,7 +181,7 @@ class Bus:
         self.counters.expired += late
         return late
 
-    def _once(self, exchange: Exchange, packet: bytes, extra_bytes: int) -> Reply:
+    def _once(self, exchange: Exchange, packet: bytes, extra_bytes: int) -> Talk[Reply]:
         link, counters = self.link, self.counters
         link.flush_input()
         link.write(packet)
@@ -161,11 +189,12 @@ class Bus:
         counters.bytes_out += len(packet)
         wanted = extra_bytes + 2
         wire_ns = (len(packet) + wanted) * self._byte_ns
-        raw = link.read(wanted, link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns + self.grace_ns)
+        expected_ns = link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns
+        raw = yield Wait(expected_ns + self.grace_ns, wanted, expected_ns)
         counters.bytes_in += len(raw)
         if len(raw) < wanted:
             counters.timeouts += 1
-            self.resync()
+            yield from self._resync(RESYNC_NULLS)
             raise LinkTimeout(
                 f"{len(raw)} of {wanted} bytes came in answer to command 0x{exchange.command:X}",
                 address=exchange.address,
@@ -174,12 +203,12 @@ class Bus:
         reply = unpack_reply(raw, extra_bytes)
         if reply is None:
             counters.damaged_replies += 1
-            self.resync()
+            yield from self._resync(RESYNC_NULLS)
             raise RemoteFault(f"its answer {raw.hex(' ')} has a wrong checksum", address=exchange.address)
         if reply.status & STATUS_COMM_ERROR:
             # Whoever speaks here may be another module whose address a flipped bit hit: nothing it says counts.
             counters.rejected_commands += 1
-            self.resync()
+            yield from self._resync(RESYNC_NULLS)
             raise RemoteFault(
                 f"a module reports a communications error in answer to command 0x{exchange.command:X}",
                 address=exchange.address,
@@ -188,7 +217,7 @@ class Bus:
             )
         return reply
 
-    def _send_silent(self, exchange: Exchange, packet: bytes) -> Evidence:
+    def _send_silent(self, exchange: Exchange, packet: bytes) -> Talk[Evidence]:
         link = self.link
         link.flush_input()
         sent_ns = link.now_ns()
@@ -197,11 +226,12 @@ class Bus:
         link.write(packet)
         self.counters.packets += 1
         self.counters.bytes_out += len(packet)
-        link.sleep_until(sent_ns + len(packet) * self._byte_ns + self.host_latency_ns + SILENT_WAIT_NS)
+        over_ns = sent_ns + len(packet) * self._byte_ns + self.host_latency_ns + SILENT_WAIT_NS
+        yield Wait(over_ns, leave_ns=over_ns)
         self.guard.settle(exchange, None, None, b"")
         return Evidence(exchange, sent_ns, link.now_ns(), None)
 
-    def stop_groups(self, groups: Sequence[int], data: bytes) -> None:
+    def stop_groups(self, groups: Sequence[int], data: bytes) -> Talk[None]:
         """Stop Motor to several groups at once: no late or missing answer of one holds up the stop of the next.
 
         What was not answered in time leaves the members unsure; their own Stop Motor settles that.
@@ -219,7 +249,7 @@ class Bus:
             self.counters.packets += 1
             self.counters.bytes_out += len(packet)
             wire_ns = (len(packet) + wanted) * self._byte_ns
-            raw = link.read(wanted, link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns)
+            raw = yield Wait(link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns, wanted)
             reply = unpack_reply(raw, wanted - 2) if known else None
             if reply is not None and not reply.status & STATUS_COMM_ERROR:
                 self.guard.settle(exchange, replier, reply.status, reply.extra)
@@ -227,10 +257,10 @@ class Bus:
                 silent = silent and replier is None
                 self.guard.lost(exchange)
         if not silent:
-            link.sleep_until(link.now_ns() + self.grace_ns)
+            yield Wait(link.now_ns() + self.grace_ns)
             link.flush_input()
 
-    def _stop_blindly(self, exchange: Exchange) -> Evidence:
+    def _stop_blindly(self, exchange: Exchange) -> Talk[Evidence]:
         """A stop is never held back: with the length of the answer unknown it is sent and its answer dropped."""
         link = self.link
         sent_ns = link.now_ns()
@@ -239,7 +269,8 @@ class Bus:
         self.counters.packets += 1
         self.counters.bytes_out += len(packet)
         quiet_ns = (len(packet) + PACKET_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS
-        link.sleep_until(sent_ns + quiet_ns + self.host_latency_ns + self.grace_ns)
+        over_ns = sent_ns + quiet_ns + self.host_latency_ns
+        yield Wait(over_ns + self.grace_ns, leave_ns=over_ns)
         link.flush_input()
         self.guard.lost(exchange)
         return Evidence(exchange, sent_ns, link.now_ns(), None)
@@ -249,11 +280,15 @@ class Bus:
 
         Once modules have addresses, a stray header followed by nulls is a command to nobody (address 0).
         """
+        self.carry_out(self._resync(nulls))
+
+    def _resync(self, nulls: int) -> Talk[None]:
         self.counters.resyncs += 1
         self.link.write(bytes([NULL]) * nulls)
         self.counters.bytes_out += nulls
         quiet_ns = (nulls + PACKET_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS + RESYNC_WAIT_NS
-        self.link.sleep_until(self.link.now_ns() + quiet_ns + self.host_latency_ns)
+        over_ns = self.link.now_ns() + quiet_ns + self.host_latency_ns
+        yield Wait(over_ns, leave_ns=over_ns)
         self.link.flush_input()
 
     def set_baud(self, baud: int, divisor: int | None = None) -> None:

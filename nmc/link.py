@@ -6,7 +6,8 @@ link knows which of the two it runs on, so the code that is verified is the code
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 
 class Link(Protocol):
@@ -32,3 +33,25 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Give the port back."""
+
+
+class SharedLink(Link, Protocol):
+    """A link that can be waited on together with others of its kind and clock (``nmc.together``)."""
+
+    @property
+    def root(self) -> Root:
+        """What does the waiting: the link at the bottom, without the ones around it."""
+
+    @property
+    def patience_ns(self) -> int:
+        """How long somebody may wait without calling ``receive``; 0: as long as he likes."""
+
+    def receive(self, count: int) -> bytes:
+        """What is in already, at most ``count`` bytes, without waiting. A call, even of 0 bytes, is a sign of life."""
+
+
+class Root(Protocol):
+    """Waits for several links at once."""
+
+    def wait_first(self, wanted: Sequence[tuple[Any, int]], until_ns: int) -> None:
+        """Wait until ``until_ns`` or until one of the links, all roots of this kind, has news of its bytes wanted."""

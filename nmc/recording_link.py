@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from nmc.link import Link
+from nmc.link import Link, Root
 
 HOST, STATUS = ">", "<"
 
@@ -47,6 +47,23 @@ class RecordingLink:
         if data:
             self._keep(STATUS, data)
         return data
+
+    def receive(self, count: int) -> bytes:
+        """Take what is in from the inner link and record it."""
+        data: bytes = self.inner.receive(count)  # type: ignore[attr-defined]  # asked for only where it is shared
+        if data:
+            self._keep(STATUS, data)
+        return data
+
+    @property
+    def root(self) -> Root:
+        """That of the inner link."""
+        return self.inner.root  # type: ignore[attr-defined,no-any-return]
+
+    @property
+    def patience_ns(self) -> int:
+        """That of the inner link."""
+        return self.inner.patience_ns  # type: ignore[attr-defined,no-any-return]
 
     def sleep_until(self, time_ns: int) -> None:
         """Wait on the inner link."""

@@ -11,6 +11,7 @@ import os
 import select
 import termios
 import time  # noqa: TID251 - this is the door
+from collections.abc import Sequence
 
 import serial  # noqa: TID251 - this is the door
 
@@ -57,6 +58,27 @@ class DescriptorLink:
         except OSError as error:
             raise NmcError(f"{self.name}: {error}") from None
         return data
+
+    def receive(self, count: int) -> bytes:
+        """What the driver has already, at most ``count`` bytes."""
+        return self.read(count, 0) if count else b""
+
+    @property
+    def root(self) -> DescriptorLink:
+        """A port waits for itself."""
+        return self
+
+    @property
+    def patience_ns(self) -> int:
+        """Nobody is impatient."""
+        return 0
+
+    def wait_first(self, wanted: Sequence[tuple[DescriptorLink, int]], until_ns: int) -> None:
+        """Wait until a byte has come on one of the ports, at most until ``until_ns``: one select over all of them."""
+        left_ns = until_ns - time.monotonic_ns()
+        # A port that is gone is found by whoever reads it: there it can be named.
+        with contextlib.suppress(OSError):
+            select.select([link.descriptor for link, _ in wanted], [], [], max(0, left_ns) / 1e9)
 
     def sleep_until(self, time_ns: int) -> None:
         """Sleep; returns at once if the time is past."""

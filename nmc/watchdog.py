@@ -30,7 +30,7 @@ from nmc.chips.common import (
     STOP_MOTOR,
 )
 from nmc.errors import NmcError
-from nmc.link import Link
+from nmc.link import Link, Root
 from nmc.wire import checksum, pack
 
 REPLY_MAX_BYTES = 16
@@ -252,6 +252,22 @@ class GuardedLink:
         data = self.inner.read(count, deadline_ns)
         self._woken()
         return data
+
+    def receive(self, count: int) -> bytes:
+        """Take what is in; looking is being alive."""
+        self._alive()
+        data: bytes = self.inner.receive(count)  # type: ignore[attr-defined]  # asked for only where it is shared
+        return data
+
+    @property
+    def root(self) -> Root:
+        """That of the inner link."""
+        return self.inner.root  # type: ignore[attr-defined,no-any-return]
+
+    @property
+    def patience_ns(self) -> int:
+        """A host that waits for several links at once must look here in good time."""
+        return self.watchdog.reaction_ns // 4
 
     def sleep_until(self, time_ns: int) -> None:
         """Waiting for an instant is being alive."""

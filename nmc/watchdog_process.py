@@ -179,6 +179,21 @@ class SupervisedLink:
             if len(data) >= count or self._link.now_ns() >= deadline_ns:
                 return data
 
+    def receive(self, count: int) -> bytes:
+        """Take what is in; looking is being alive."""
+        self._beat()
+        return self._link.receive(count)
+
+    @property
+    def root(self) -> DescriptorLink:
+        """The port."""
+        return self._link
+
+    @property
+    def patience_ns(self) -> int:
+        """As ``read`` and ``sleep_until`` beat."""
+        return 5 * PERIOD_NS
+
     def sleep_until(self, time_ns: int) -> None:
         """Sleep; sleeping here is being alive."""
         while (now := self._link.now_ns()) < time_ns:

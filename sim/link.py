@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from sim.bus import Bus
 from sim.draws import Draws
 
@@ -42,6 +44,34 @@ class SimLink:
             if world.next_event_ns() > limit:
                 world.run_until(limit)
                 return status.take(count, world.now_ns)
+            world.step()
+
+    def receive(self, count: int) -> bytes:
+        """What is in at the present time, at most ``count`` bytes."""
+        return self.bus.status.take(count, self.world.now_ns)
+
+    @property
+    def root(self) -> SimLink:
+        """A simulated port waits for itself."""
+        return self
+
+    @property
+    def patience_ns(self) -> int:
+        """Nobody is impatient."""
+        return 0
+
+    def wait_first(self, wanted: Sequence[tuple[SimLink, int]], until_ns: int) -> None:
+        """Let time pass until one of the links, all of this world, has its bytes, at most until ``until_ns``."""
+        world = self.world
+        while True:
+            limit = until_ns
+            for link, count in wanted:
+                due = link.bus.status.due_ns(count)
+                if due is not None and due < limit:
+                    limit = due
+            if world.next_event_ns() > limit:
+                world.run_until(limit)
+                return
             world.step()
 
     def sleep_until(self, time_ns: int) -> None:
