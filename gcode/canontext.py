@@ -31,6 +31,7 @@ from gcode.canon import (
     Text,
     TiltedArc,
     ToolChange,
+    UserCommand,
 )
 from gcode.emit import PLANE_AXES
 from gcode.expand import expanded
@@ -181,6 +182,12 @@ def _tool_change(_printer: Printer, command: Command) -> list[str]:
     return [f"CHANGE_TOOL({command.tool})"]
 
 
+def _user_command(printer: Printer, command: Command) -> list[str]:
+    assert isinstance(command, UserCommand)
+    words = (0.0 if word is None else word for word in (command.p, command.q))
+    return [f"USER_DEFINED_FUNCTION({command.number}, {printer.numbers(words)})"]
+
+
 _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     Rapid: _straight("STRAIGHT_TRAVERSE"),
     Feed: _straight("STRAIGHT_FEED"),
@@ -199,6 +206,7 @@ _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     End: _end,
     Message: _message,
     ToolChange: _tool_change,
+    UserCommand: _user_command,
 }
 
 

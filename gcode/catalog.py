@@ -58,6 +58,12 @@ def write_pages(folder: Path, shown: dict[str, str]) -> None:
     for entry in load_catalog().values():
         (folder / f"{entry.code}.md").write_text(page(entry, shown.get(entry.code, "")), encoding="utf-8")
         index.append(f"* [{entry.code}]({entry.code}.md) {entry.title}")
+    others = sorted(path for path in folder.glob("[A-Z][A-Z][0-9]*.md") if path.stem not in load_catalog())
+    if others:
+        index += ["", "Of machine and planner:", ""]
+    for path in others:
+        title = path.read_text(encoding="utf-8").split("\n", 1)[0].partition(": ")[2]
+        index.append(f"* [{path.stem}]({path.name}) {title}")
     (folder / "README.md").write_text("\n".join(index) + "\n", encoding="utf-8")
 
 

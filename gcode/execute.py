@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcode import auxiliary, comments, g10, modes, offsets, reference, saved, stops, toolsteps
+from gcode import auxiliary, comments, g10, modes, offsets, reference, saved, stops, toolsteps, usercommands
 from gcode.arcs import arc
 from gcode.block import Block
 from gcode.canon import Dwell
@@ -147,12 +147,6 @@ def spindle(machine: Machine, block: Block) -> None:
         auxiliary.turn_spindle(machine, block)
 
 
-def user(_machine: Machine, block: Block) -> None:
-    """M100 to M199: programs of the user's own, of which there are none."""
-    code = block.m[USER]
-    raise GcodeError("GC011", f"M{code}: no such user program", "remove it, or choose a dialect that warns", f"M{code}")
-
-
 ORDER: tuple[Stage, ...] = (
     Stage("comment", "", comments.comment),
     Stage("g", SPINDLE_MODE, auxiliary.set_spindle_mode),
@@ -165,7 +159,7 @@ ORDER: tuple[Stage, ...] = (
     Stage("m", SPINDLE, spindle),
     Stage("m", COOLANT, auxiliary.set_coolant),
     Stage("m", OVERRIDE, auxiliary.set_override),
-    Stage("m", USER, user),
+    Stage("m", USER, usercommands.user_command),
     Stage("g", MODAL_0, dwell),
     Stage("g", PLANE, modes.set_plane),
     Stage("g", UNITS, modes.set_units),

@@ -106,7 +106,7 @@ class Machine:
         """Notes something legal and suspicious about the line being executed."""
         self.warnings.append(GcodeError(code, message, hint, at))
 
-    def wait(self, kind: Literal["probe", "input", "tool", "position"], **request: Any) -> None:
+    def wait(self, kind: Literal["probe", "input", "tool", "user", "position"], **request: Any) -> None:
         """After this line, stop until the machine has answered."""
         self.synch = Synch(
             self.emit.line, kind, self.emit.frame.to_machine(position_of(self.state.position)), **request

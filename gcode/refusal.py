@@ -5,7 +5,8 @@
     ...
 
 The first line names line and column of the diagnostic (lines count from the one after it), its code, a dialect other
-than linuxcnc if need be, and words that the hint or the message must contain. The tool table has T1, T2, T3 and T99.
+than linuxcnc if need be, and words that the hint or the message must contain. The tool table has T1, T2, T3 and T99;
+the machine has one user command, M110.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Refusal:
 
     def setup(self, file: str) -> Setup:
         """The setup it is meant for."""
-        return Setup(tools=_TOOLS, dialect=self.dialect, file=file, max_steps=50_000)
+        return Setup(tools=_TOOLS, dialect=self.dialect, file=file, max_steps=50_000, user_commands=frozenset({110}))
 
 
 def read_refusal(text: str) -> Refusal:

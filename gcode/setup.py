@@ -40,6 +40,7 @@ class Setup:
     start: where the machine stands, absolute mm and degrees. machine_units: of tools and parameters.
     axes: the axes that the machine has. block_delete: the switches that are on (1 is ``/``).
     file: the name in diagnostics. include: folders of subprogram files. ini: what ``#<_ini[section]name>`` reads.
+    user_commands: the M100 to M199 that the machine has; None where no machine is known (then any is taken).
     max_errors: a check ends after so many. max_steps: a run ends after so many lines of compiled loops, or a tenth of
     it of other lines.
     """
@@ -54,6 +55,7 @@ class Setup:
     block_delete: frozenset[int] = frozenset()
     file: str = "<program>"
     include: tuple[str, ...] = ()
+    user_commands: frozenset[int] | None = None
     max_errors: int = 100
     max_steps: int = 100_000_000
     ini: ConfigParser | None = None

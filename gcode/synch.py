@@ -16,11 +16,12 @@ from gcode.canon import Command, Position
 class Synch(Command):
     """The interpreter stops here until it is told the answer.
 
-    kind: "probe" (after a probe move), "input" (M66), "tool" (M6), "position" (the machine's position is needed).
+    kind: "probe" (after a probe move), "input" (M66), "tool" (M6), "user" (M100 to M199), "position" (the machine's
+    position is needed).
     target: where the machine should stand now, absolute mm. index, analog, mode, timeout_s: of M66.
     """
 
-    kind: Literal["probe", "input", "tool", "position"]
+    kind: Literal["probe", "input", "tool", "user", "position"]
     target: Position
     index: int = 0
     analog: bool = False

@@ -13,6 +13,7 @@ from machines.arith import evaluate
 from machines.cy545rates import STAND_IN, read_rates
 from machines.outputs_rules import members as spindle_members
 from machines.outputs_rules import output_checks
+from machines.usercommands import user_command_checks
 
 Found = tuple[tuple[str, ...], str, str]
 """Key path, message, hint."""
@@ -31,6 +32,7 @@ def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
     yield from _home_switches(data)
     yield from _lines(data)
     yield from output_checks(data)
+    yield from user_command_checks(data)
 
 
 def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:

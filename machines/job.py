@@ -20,6 +20,7 @@ from gcode.source import split_lines
 from machines.cy545 import cy545_tables
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
+from machines.usercommands import numbers
 from machines.wiring import indexers, planned_axes, planner_limits, travel
 from planner.cy545_plan import plan_indexed
 from planner.cy545_split import refusals
@@ -51,7 +52,7 @@ class Job:
 def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Job:
     """Interpret a program; with a machine also refuse foreign axes and moves beyond its travel."""
     if config is not None:
-        setup = replace(setup, axes="".join(planned_axes(config)))
+        setup = replace(setup, axes="".join(planned_axes(config)), user_commands=numbers(config.user_command))
     result = interpret(text, setup)
     found = tuple(result.diagnostics)
     commands = tuple(result.commands)

@@ -6,12 +6,13 @@ next part is streamed as a run of its own, from the counters where the last one 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gcode.canon import Command, Spindle, Stop, ToolChange
+from gcode.canon import Command, Spindle, Stop, ToolChange, UserCommand
+from machines.usercommands import UserCommandTable, user_request
 from planner.types import F8, I4, Event, Trajectory
 
 
@@ -67,7 +68,7 @@ def waits_for_somebody(command: Command) -> bool:
     """Whether a machine that has no tool changer and no spindle of its own needs a hand at this command."""
     if isinstance(command, Spindle):
         return command.direction != 0
-    return isinstance(command, ToolChange | Stop)
+    return isinstance(command, ToolChange | Stop | UserCommand)
 
 
 def parts_of(trajectory: Trajectory) -> Iterator[Part]:
@@ -85,8 +86,10 @@ def parts_of(trajectory: Trajectory) -> Iterator[Part]:
         yield Part(trajectory, begin_s, trajectory.duration_s - begin_s, tuple(waits))
 
 
-def request(command: Command) -> str:
-    """What somebody is asked to do."""
+def request(command: Command, user_commands: Mapping[str, UserCommandTable]) -> str:
+    """What somebody is asked to do; ``user_commands``: those of the machine file."""
+    if isinstance(command, UserCommand):
+        return user_request(command, user_commands)
     if isinstance(command, ToolChange):
         return f"line {command.line}: put tool {command.tool} into the spindle"
     if isinstance(command, Spindle):

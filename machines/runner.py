@@ -117,13 +117,14 @@ def _run_parts(
     if session.simulation is not None:
         return session.run(plan.trajectory, profile=options.profile, progress=progress, stop_requested=stop_requested)
     parts = list(parts_of(plan.trajectory))
-    requests = [request(wait) for part in parts for wait in part.waits]
+    asked = session.config.user_command
+    requests = [request(wait, asked) for part in parts for wait in part.waits]
     if requests and options.ask is None:
         raise SessionError(f"{requests[0]}: nobody is there to do it")
     outcomes: list[Outcome] = []
     for part in parts:
         for wait in part.waits:
-            session.hold(request(wait), options.ask or _nobody)
+            session.hold(request(wait, asked), options.ask or _nobody)
 
         def shifted(inner: Progress, begin_s: float = part.begin_s) -> None:
             progress(replace(inner, time_s=inner.time_s + begin_s, duration_s=plan.trajectory.duration_s))

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from machines.arith import number, whole
 from machines.outputs_schema import AnalogTable, CoolantTable, OutputTable, SpindleTable
 from machines.tables import Address, Byte, NotNegative, Number, Positive, Scale, ServoTable, Table
+from machines.usercommands import UserCommandTable
 
 CountLatch = Literal["rollover", "immediate", "unknown"]
 FirstStep = Literal["period", "immediate", "unknown"]
@@ -132,8 +133,8 @@ class CrystalTable(Measured):
 class ProbedTable(Measured):
     """``[axis.X.probed]``, written by probe-latch: what ``count_latch`` and ``first_step`` of the axis rest on.
 
-    ``version``: of the module's firmware; ``load_trials``, ``start_trials``: runs that were looked at; ``start_delay_ms``
-    and ``start_delay_error_ms``: mean time from a start's last byte to its execution, and its standard error.
+    ``version``: of the module's firmware; ``load_trials``, ``start_trials``: runs that were looked at;
+    ``start_delay_ms``, ``start_delay_error_ms``: mean time from a start's last byte to its execution, standard error.
     """
 
     version: Annotated[int, BeforeValidator(whole), Field(ge=0, le=255)]
@@ -323,5 +324,6 @@ class MachineConfig(Table):
     coolant: CoolantTable | None = None
     output: dict[str, OutputTable] = Field(default_factory=dict)
     analog: dict[str, AnalogTable] = Field(default_factory=dict)
+    user_command: dict[str, UserCommandTable] = Field(default_factory=dict)
     sim: SimTable = SimTable()
     verify: VerifyTable = VerifyTable()
