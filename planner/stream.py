@@ -84,14 +84,14 @@ class StreamSource:
         The stream then keeps the machine standing and asks it how it is until ``resume``. Raises ValueError for a
         trajectory that cannot be timed anew, or a profile that cannot hold.
         """
-        schedule, trajectory = self._rate_control()
+        schedule, trajectory = self.rate_control()
         rest_s = trajectory.hold(self._sent_s())
         schedule.retime(self.trajectory, self.plan_start_ns + round(rest_s.time_s * NS_PER_S))
         return rest_s.time_s
 
     def resume(self) -> None:
         """Go on after a hold, from where the axes were read to be."""
-        schedule, trajectory = self._rate_control()
+        schedule, trajectory = self.rate_control()
         trajectory.resume(self._sent_s())
         schedule.retime(self.trajectory, None)
 
@@ -100,7 +100,7 @@ class StreamSource:
 
         Raises ValueError as ``hold`` does, PlanError for a rate outside its range.
         """
-        schedule, trajectory = self._rate_control()
+        schedule, trajectory = self.rate_control()
         trajectory.override(self._sent_s(), rate)
         if schedule.hold is None:
             schedule.retime(self.trajectory, None)
@@ -119,7 +119,8 @@ class StreamSource:
     def _sent_s(self) -> float:
         return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S
 
-    def _rate_control(self) -> tuple[AdaptiveSchedule, Retimed]:
+    def rate_control(self) -> tuple[AdaptiveSchedule, Retimed]:
+        """What takes new times, and the trajectory that gives them. Raises ValueError as ``hold`` does."""
         if isinstance(self._stream, ExactSchedule):
             raise ValueError("profile exact cannot hold; the others can")
         if not isinstance(self.trajectory, Retimed):
