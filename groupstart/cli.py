@@ -28,12 +28,13 @@ VERBS: dict[str, str] = {
     "jog": "Move axes by a distance.",
     "mdi": "Run one line of G-code.",
     "scan": "Say who is on the bus.",
+    "probe-latch": "Measure what a PIC-STEP does where its data sheet is silent.",
     "reset": "Put every module back to its power-up state.",
     "sim": "Serve a simulated machine on a pseudo-terminal.",
     "machines": "List, show and check machine files.",
     "dump": "Decode captured bus bytes into packets.",
 }
-"""Verb: its one line of help. The module ``groupstart.verbs.<verb>`` has a click command ``command``."""
+"""Verb: its one line of help. ``groupstart.verbs.<verb>`` (``_`` for ``-``) has a click command ``command``."""
 
 
 class LazyGroup(click.Group):
@@ -47,7 +48,7 @@ class LazyGroup(click.Group):
         """Import the verb's module."""
         if cmd_name not in VERBS:
             return None
-        command: click.Command = importlib.import_module(f"groupstart.verbs.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"groupstart.verbs.{cmd_name.replace('-', '_')}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

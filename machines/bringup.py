@@ -160,7 +160,8 @@ def armed(connection: Connection) -> Iterator[None]:
             guard.disarm()
 
 
-def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: bool) -> None:
+def set_step_parameters(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
+    """Set Parameters as the machine file has them, with speed mode ``mode`` ("1x", "2x", "4x" or "8x")."""
     step = table.step
     stepper.set_parameters(
         mode,
@@ -172,6 +173,10 @@ def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: boo
         disable_estop=not step.estop,
         motor_off_on_stop=step.motor_off_on_stop,
     )
+
+
+def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: bool) -> None:
+    set_step_parameters(stepper, table, mode)
     stepper.stop_motor("abruptly")
     if not kept:
         stepper.reset_position()

@@ -14,6 +14,9 @@ from machines.schema import MachineConfig
 from machines.wiring import motor_tables, motors, servo_tables
 from planner.stream import PROFILES, Profile
 
+TWIN = "twin"
+"""How ``measured_on`` begins of what was measured on the simulated machine."""
+
 
 def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profile:
     """The profile to stream with. Raises ValueError for one that the machine's chips do not offer."""
@@ -28,8 +31,19 @@ def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profi
         return cast("Profile", wanted)
     if servos:
         return "smooth" if simulated else "stop-here"
-    latches = {config.sim.count_latch} if simulated else {table.count_latch for _, table in steppers.values()}
-    return "adaptive" if latches == {"rollover"} else "group"
+    return "adaptive" if _timers_known(config, simulated) else "group"
+
+
+def _timers_known(config: MachineConfig, simulated: bool) -> bool:
+    """Whether every step timer is known to do what the twins of the stream do. Of a port the twin tells nothing."""
+    if simulated:
+        return config.sim.count_latch == "rollover" and config.sim.first_step == "period"
+    return all(
+        table.count_latch == "rollover"
+        and table.first_step != "immediate"
+        and (table.probed is None or not table.probed.measured_on.startswith(TWIN))
+        for _, table in motor_tables(config).values()
+    )
 
 
 def why_not_streamed(config: MachineConfig) -> str:

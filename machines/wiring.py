@@ -170,6 +170,7 @@ def _step_module(config: MachineConfig, name: str, table: StepMotorTable) -> Ste
         start_delay_max_ns=round(sim.start_delay_ms * NS_PER_MS),
         reply_delay_max_ns=round(sim.reply_delay_ms * NS_PER_MS),
         count_latch=sim.count_latch,
+        first_pulse=sim.first_step,
         switches=tuple(_switches(twin, table.steps_per_unit)),
         start_steps=round(twin.start_at * table.steps_per_unit),
     )

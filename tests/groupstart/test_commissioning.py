@@ -1,0 +1,85 @@
+"""The verbs that measure a machine: what they print, write, refuse, and how they end."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from machines.load import parse_machine, read_machine
+
+Cli = Callable[..., Any]
+
+
+def own_machine(folder: Path, name: str = "mill3-step", **edits: str) -> Path:
+    text = read_machine(name).text
+    for old, new in edits.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "own.toml"
+    path.write_text(text)
+    return path
+
+
+def test_probe_latch_writes_what_it_has_found_and_keeps_every_comment(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path)
+    before = path.read_text()
+    answer = cli("probe-latch", "-m", str(path), "Y")
+    assert answer.status == 0
+    assert 'count_latch = "rollover"' in answer.out
+    assert all(f"X-{number}" in answer.out for number in (61, 62, 63, 64, 65))
+    after = path.read_text()
+    added = [line for line in after.splitlines() if line and line not in before.splitlines()]
+    assert added[:3] == ['count_latch = "rollover"', 'first_step = "period"', "[axis.Y.probed]"]
+    lines = iter(after.splitlines())
+    assert all(line in lines for line in before.splitlines())
+    table = parse_machine(after, "own").axis["Y"]
+    assert table.chip == "pic-step"
+    assert table.probed is not None
+    assert (table.probed.version, table.probed.measured_on) == (1, "twin, seed 1")
+    assert table.probed.date.startswith("20")
+
+
+def test_probe_latch_tells_the_other_reading_and_can_leave_the_file_alone(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path, **{'count_latch = "rollover"': 'count_latch = "immediate"'})
+    before = path.read_text()
+    answer = cli("probe-latch", "-m", str(path), "X", "--seed", "7", "--no-write", "--json", "--amplifier-off")
+    assert answer.status == 0
+    found = json.loads(answer.out)
+    assert (found["motor"], found["count_latch"], found["only_rollover"]) == ("X", "immediate", 0)
+    assert [one["rule"] for one in found["answers"]] == ["X-63", "X-64", "X-64", "X-65", "X-66"]
+    assert path.read_text() == before
+
+
+def test_what_is_not_decided_is_not_written(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path, **{"limit1_at = 118": "limit1_at = 0.01"})
+    before = path.read_text()
+    answer = cli("probe-latch", "-m", str(path), "X")
+    assert answer.status == 1
+    assert "not decided" in answer.err
+    assert path.read_text() == before
+
+
+def test_a_shipped_machine_is_not_written(cli: Cli) -> None:
+    before = read_machine("mill3-step").text
+    answer = cli("probe-latch", "Z")
+    assert answer.status == 0
+    assert "copy it" in answer.err
+    assert read_machine("mill3-step").text == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("probe-latch", "A"), 1, "X, Y, Z"),
+        (("probe-latch", "-m", "mill3-servo"), 1, "no motor is on a PIC-STEP"),
+        (("probe-latch", "--port", "/dev/null/none"), 1, "say --yes"),
+        (("probe-latch", "--port", "/dev/null/none", "--yes"), 2, "cannot open"),
+    ],
+)
+def test_what_the_measuring_verbs_refuse(arguments: tuple[str, ...], status: int, words: str, cli: Cli) -> None:
+    answer = cli(*arguments)
+    assert answer.status == status
+    assert words in answer.err
+    assert "Traceback" not in answer.err
