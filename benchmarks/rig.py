@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nmc.budget import BusTiming
 from nmc.bus import Bus
 from nmc.executor import play
+from nmc.link import Link
 from nmc.picservo import Gains, PicServo
 from nmc.program import Exchange
 from nmc.setup import ModuleExpectation, start_up
@@ -58,39 +59,50 @@ class Outcome:
     packets: int
 
 
-def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, Bus, list[Motor]]:
-    """One bus, one module an axis, started up, parameters or gains set, amplifiers on."""
-    jitter_ns = round(conditions.jitter_ms * 1e6)
-    modules: list[StepModule | ServoModule] = []
-    for name in axes:
-        if name in conditions.servos:
-            plant = ServoPlant(lines_per_rev=500)
-            modules.append(ServoModule(name, crystal_ppm_max=conditions.crystal_ppm, plant=plant))
-        else:
-            delay_ns = round(conditions.start_delay_ms * 1e6)
-            modules.append(
-                StepModule(
-                    name,
-                    crystal_ppm_max=conditions.crystal_ppm,
-                    start_delay_max_ns=delay_ns,
-                    count_latch=conditions.count_latch,
-                )
-            )
-    simulation = build([BusSpec("main", tuple(modules), host_jitter_max_ns=jitter_ns)], conditions.seed)
-    bus = Bus(simulation.links[0], host_latency_ns=max(jitter_ns, 1_000_000))
-    chips = ["pic-servo" if name in conditions.servos else "pic-step" for name in axes]
-    start_up(bus, [ModuleExpectation(chip, name=name) for chip, name in zip(chips, axes, strict=True)])
+def module_of(name: str, conditions: Conditions) -> StepModule | ServoModule:
+    """The simulated module of an axis."""
+    if name in conditions.servos:
+        return ServoModule(name, crystal_ppm_max=conditions.crystal_ppm, plant=ServoPlant(lines_per_rev=500))
+    return StepModule(
+        name,
+        crystal_ppm_max=conditions.crystal_ppm,
+        start_delay_max_ns=round(conditions.start_delay_ms * 1e6),
+        count_latch=conditions.count_latch,
+    )
+
+
+def start_bus(link: Link, names: Sequence[str], conditions: Conditions, number: int = 0) -> tuple[Bus, list[Motor]]:
+    """Bus ``number`` of a simulation, started up: parameters or gains set, amplifiers on."""
+    bus = Bus(link, host_latency_ns=max(round(conditions.jitter_ms * 1e6), 1_000_000))
+    chips = ["pic-servo" if name in conditions.servos else "pic-step" for name in names]
+    start_up(bus, [ModuleExpectation(chip, name=name) for chip, name in zip(chips, names, strict=True)])
     mode = speed_mode_for(conditions.speed_max_mm_s * conditions.steps_per_mm)
     motors: list[Motor] = []
-    for address, name in enumerate(axes, start=1):
+    for address, name in enumerate(names, start=1):
         if name in conditions.servos:
             PicServo(bus, address).set_gain(Gains(*conditions.gains, position_error_limit=4000))
-            motors.append(ServoMotor(name, name, 0, address, conditions.counts_per_mm))
+            motors.append(ServoMotor(name, name, number, address, conditions.counts_per_mm))
             continue
         bus.exchange(Exchange(address, 0x6, bytes((MODE_BITS[mode], 1, 200, 50, 0))))
         bus.exchange(Exchange(address, 0x7, b"\x01"))
-        motors.append(StepMotor(name, name, 0, address, conditions.steps_per_mm, mode))
-    return simulation, bus, motors
+        motors.append(StepMotor(name, name, number, address, conditions.steps_per_mm, mode))
+    return bus, motors
+
+
+def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, Bus, list[Motor]]:
+    """One bus, one module an axis, started up, parameters or gains set, amplifiers on."""
+    modules = tuple(module_of(name, conditions) for name in axes)
+    simulation = build([BusSpec("main", modules, round(conditions.jitter_ms * 1e6))], conditions.seed)
+    return simulation, *start_bus(simulation.links[0], axes, conditions)
+
+
+def timing_of(conditions: Conditions) -> BusTiming:
+    """What a stream may assume of a bus under these conditions."""
+    return BusTiming.at(
+        115200,
+        jitter_max_ns=round(conditions.jitter_ms * 1e6),
+        start_delay_max_ns=round(conditions.start_delay_ms * 1e6),
+    )
 
 
 def stream(
@@ -106,11 +118,7 @@ def stream(
     """
     simulation, bus, motors = bring_up(trajectory.axes, conditions)
     link = bus.link
-    timing = BusTiming.at(
-        115200,
-        jitter_max_ns=round(conditions.jitter_ms * 1e6),
-        start_delay_max_ns=round(conditions.start_delay_ms * 1e6),
-    )
+    timing = timing_of(conditions)
     begin_ns, bytes_before = link.now_ns(), bus.counters.bytes_out + bus.counters.bytes_in
     start_ns = begin_ns + lead_in_ns(motors, timing)
     source = make_source(trajectory, motors, timing=timing, start_ns=start_ns, profile=profile)
@@ -129,14 +137,7 @@ def stream(
     end_ns = link.now_ns()
     bytes_used = bus.counters.bytes_out + bus.counters.bytes_in - bytes_before
     link.sleep_until(end_ns + 200_000_000)
-    trace = simulation.trace()
-    t = np.append(np.arange(0.0, trajectory.duration_s, 1e-3), trajectory.duration_s)
-    reference = Reference(trajectory.axes, t, trajectory.q(t), trajectory.line(t))
-    scale = np.array([m.steps_per_unit if isinstance(m, StepMotor) else m.counts_per_unit for m in motors])
-    commanded, shaft = (
-        compare_pins(reference, _pins(trace, which), trajectory.axes, trajectory.axes, scale, start_ns)
-        for which in (trace.servo_command, trace.servo_position)
-    )
+    commanded, shaft = contours(simulation.trace(), trajectory, motors, start_ns)
     return Outcome(
         contour=commanded,
         shaft=shaft,
@@ -145,6 +146,19 @@ def stream(
         bus_share=bytes_used * timing.byte_ns / max(end_ns - begin_ns, 1),
         packets=packets,
     )
+
+
+def contours(trace: Trace, trajectory: Trajectory, motors: Sequence[Motor], start_ns: int) -> tuple[Contour, Contour]:
+    """What was commanded against the plan, and where the shafts were; motors in the order of the trace."""
+    t = np.append(np.arange(0.0, trajectory.duration_s, 1e-3), trajectory.duration_s)
+    reference = Reference(trajectory.axes, t, trajectory.q(t), trajectory.line(t))
+    names = tuple(motor.axis for motor in motors)
+    scale = np.array([m.steps_per_unit if isinstance(m, StepMotor) else m.counts_per_unit for m in motors])
+    commanded, shaft = (
+        compare_pins(reference, _pins(trace, which), names, names, scale, start_ns)
+        for which in (trace.servo_command, trace.servo_position)
+    )
+    return commanded, shaft
 
 
 def _pins(trace: Trace, servo_counts: npt.NDArray[np.int32]) -> Pins:

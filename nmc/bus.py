@@ -10,7 +10,7 @@ link; several buses wait together (``nmc/together.py``), each with one command i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -83,6 +83,8 @@ class Bus:
         self.grace_ns = grace_ns
         self.host_latency_ns = host_latency_ns
         self.attempts = attempts
+        self.clear: Callable[[], None] | None = None
+        """Lets a talk that somebody else has under way on this bus come to where the line is silent."""
         self.baud = 0
         self._byte_ns = 0
         self._host_baud(DEFAULT_BAUD)
@@ -104,8 +106,10 @@ class Bus:
         return self.carry_out(self.talk(exchange, attempts=attempts))
 
     def carry_out(self, talk: Talk[T]) -> T:
-        """Lead a talk to its end, waiting on this bus's own link."""
+        """Lead a talk to its end, waiting on this bus's own link; what is in flight on it comes to its end before."""
         link = self.link
+        if self.clear is not None:
+            self.clear()
         try:
             wait = next(talk)
             while True:

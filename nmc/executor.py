@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from nmc.bus import Bus
 from nmc.chips import picservo, picstep
-from nmc.chips.common import DEFINE_STATUS, READ_STATUS, STOP_MOTOR
+from nmc.chips.common import DEFINE_STATUS, NOP, STOP_MOTOR
 from nmc.errors import NmcError, RemoteFault
 from nmc.modes import Tracker
 from nmc.program import Evidence, Exchange, ExchangeSource
@@ -40,8 +40,8 @@ def play_together(buses: Sequence[Bus], sources: Mapping[int, ExchangeSource]) -
     """Play a source a bus, by number, all at once with one command in flight on each; Evidence as it comes.
 
     The next exchange of a bus is asked for when its evidence has been looked at; ``Exchange.bus`` is not. Between two
-    evidences the commands of the other buses may be in flight: close the generator before anything else is said on
-    them. Whatever ends it, an error of one bus or being closed, it leaves each bus when its answer is in, or overdue.
+    evidences the commands of the other buses may be in flight: close the generator before the motors are stopped.
+    Whatever ends it, an error of one bus or being closed, it leaves each bus when its answer is in, or overdue.
     Raises ValueError for links that cannot be waited on together.
     """
     together = Together[Evidence](buses)
@@ -86,6 +86,9 @@ def stop_together(buses: Sequence[Bus], *, amplifier: bool = True, rounds: int =
     """
     if len(buses) == 1:
         return stop_all(buses[0], amplifier=amplifier, rounds=rounds)
+    for bus in buses:
+        if bus.clear is not None:
+            bus.clear()
     together = Together[int](buses)
     for number, bus in enumerate(buses):
         together.begin(number, _stop_all(bus, (STREAMING_GROUP, PARKED_GROUP), amplifier, rounds))
@@ -130,9 +133,8 @@ def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> Tal
         return False
     if module.facts.name != picstep.FACTS.name:
         return True
-    # A PIC-STEP replies before it executes: only the next answer shows the stop. Read Status raises no armed fault: a
-    # motor that has lost its power stands as well.
-    after = yield from _try(bus, Exchange(module.address, READ_STATUS, b"\x00"), attempts)
+    # A PIC-STEP replies before it executes: only the next answer shows the stop.
+    after = yield from _try(bus, Exchange(module.address, NOP), attempts)
     return after is not None and after.status is not None and not after.status & picstep.STATUS_MOVING
 
 

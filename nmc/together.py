@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from types import TracebackType
 from typing import Generic, TypeVar, cast
 
@@ -48,6 +49,9 @@ class _Open(Generic[T]):
 class Together(Generic[T]):
     """Talks on several buses. As a context: leaving it gives up every talk that is still under way (``leave``).
 
+    Somebody else's exchange on one of the buses meanwhile lets the answer that is out come in first; what waits to be
+    sent waits on.
+
     Raises ValueError for links that cannot be waited on together.
     """
 
@@ -55,6 +59,7 @@ class Together(Generic[T]):
         missing = [bus.link for bus in buses if not hasattr(bus.link, "receive")]
         if missing:
             raise ValueError(f"{type(missing[0]).__name__} cannot be waited on together with other links")
+        self._buses = list(buses)
         self._links = [cast("SharedLink", bus.link) for bus in buses]
         self._open: dict[int, _Open[T]] = {}
         self._ended: deque[tuple[int, T | NmcError]] = deque()
@@ -143,10 +148,22 @@ class Together(Generic[T]):
     def _drop(self, number: int) -> None:
         self._open.pop(number).talk.close()
 
+    def _clear(self, number: int) -> None:
+        """Go on until the line of this bus is silent."""
+        while number in self._open and self._open[number].wait.leave_ns:
+            self._wait()
+            self._carry_on()
+
     def __enter__(self) -> Together[T]:
+        for number, bus in enumerate(self._buses):
+            bus.clear = partial(self._clear, number)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.leave()
+        try:
+            self.leave()
+        finally:
+            for bus in self._buses:
+                bus.clear = None

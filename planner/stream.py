@@ -116,6 +116,11 @@ class StreamSource:
         hold = self._stream.hold if isinstance(self._stream, AdaptiveSchedule) else None
         return hold is not None and hold.stands
 
+    @property
+    def steppers_rest(self) -> bool:
+        """No stepper of this bus is known to move."""
+        return not any(axis.moving for axis in self._stream.axes)
+
     def _sent_s(self) -> float:
         return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S
 

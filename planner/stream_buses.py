@@ -32,8 +32,10 @@ TOGETHER_NS = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class StartSkew:
-    """How far apart buses began the motions that they began together, by the times at which their bytes were handed
-    over: how many such motions, and the largest difference of lateness."""
+    """How far apart steppers of several buses set out that were to set out together, all of each bus from rest.
+
+    motions: how many there were. worst_ns: the largest difference of lateness, by when their bytes were handed over.
+    """
 
     motions: int
     worst_ns: int
@@ -49,7 +51,7 @@ class BusLane:
         self.source = source
         self.finished = False
         self.departures: list[tuple[int, int]] = []
-        """When a motion was to begin on this bus, and how late it was told to."""
+        """When the resting steppers of this bus were to begin to move, and how late they were told to."""
         self._poll = Exchange(motor.address, NO_OPERATION, bus=motor.bus)
         self._kept: Exchange | None = None
         self._recalled = False
@@ -82,7 +84,7 @@ class BusLane:
 
     def _note(self, evidence: Evidence) -> None:
         exchange = evidence.exchange
-        if evidence.sent and exchange.send_at_ns and _departs(exchange):
+        if evidence.sent and exchange.send_at_ns and self.source.steppers_rest and _departs(exchange):
             self.departures.append((exchange.send_at_ns, evidence.sent_ns - exchange.send_at_ns))
 
     def recall(self) -> None:
@@ -97,7 +99,7 @@ class BusLane:
 
 
 def _departs(exchange: Exchange) -> bool:
-    """Whether an exchange begins the motion of resting steppers: a group Start, or a stop position started at once."""
+    """Whether an exchange lets resting steppers set out: a group Start, or a stop position started at once."""
     if exchange.command == LOAD_TRAJECTORY and exchange.data:
         return exchange.data[0] & (LOAD_POSITION | START_NOW) == LOAD_POSITION | START_NOW
     return exchange.command == START_MOTION
