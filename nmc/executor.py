@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from nmc.bus import Bus
 from nmc.chips import picservo, picstep
-from nmc.chips.common import DEFINE_STATUS, NOP, STOP_MOTOR
+from nmc.chips.common import DEFINE_STATUS, READ_STATUS, STOP_MOTOR
 from nmc.errors import NmcError, RemoteFault
 from nmc.modes import Tracker
 from nmc.program import Evidence, Exchange, ExchangeSource
@@ -133,8 +133,9 @@ def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> Tal
         return False
     if module.facts.name != picstep.FACTS.name:
         return True
-    # A PIC-STEP replies before it executes: only the next answer shows the stop.
-    after = yield from _try(bus, Exchange(module.address, NOP), attempts)
+    # A PIC-STEP replies before it executes: only the next answer shows the stop. Read Status raises no armed fault: a
+    # motor that has lost its power stands as well.
+    after = yield from _try(bus, Exchange(module.address, READ_STATUS, b"\x00"), attempts)
     return after is not None and after.status is not None and not after.status & picstep.STATUS_MOVING
 
 
