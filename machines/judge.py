@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from machines.outcome import Outcome
 from machines.schema import MachineConfig
-from machines.session import Outcome
 from machines.verdict import BusUse, Peak, Spread, Verdict, reasons_against
 from machines.wiring import every_motor, scale_of
 from planner.plan import Plan

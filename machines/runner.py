@@ -9,18 +9,22 @@ from functools import partial
 import numpy as np
 
 from gcode.canon import AXES, Position
+from machines.control import Control
 from machines.job import Job
 from machines.judge import judge
 from machines.load import MachineFile
-from machines.parts import parts_of, request
+from machines.outcome import Outcome, StreamStatistics
+from machines.parts import Part, parts_of, request
 from machines.programmed import programmed_path
-from machines.session import Note, Outcome, Session, SessionError, StreamStatistics
+from machines.session import Note, Session, SessionError
 from machines.verdict import Verdict
 from machines.wiring import every_motor, planned_axes, scale_of, stands_within
 from nmc.program import Evidence
 from planner.motors import ServoMotor
 from planner.plan import Plan
+from planner.retime import RetimablePlan
 from planner.stream import Progress
+from planner.types import Trajectory
 from sim.build import Simulation
 from sim.trace import Trace
 from sim.violations import Violation
@@ -40,6 +44,8 @@ class RunOptions:
     """Told of every exchange."""
     disturb: Callable[[Simulation, Evidence], None] | None = None
     """Told of every exchange on the twin, to make something go wrong there."""
+    control: Control | None = None
+    """Hold, resume, override, stop."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -51,7 +57,7 @@ class RunResult:
     """Everything a run leaves behind. ``trace``: of the twin; ``records``: bytes of real ports as text by bus.
 
     ``verdict`` is None after a stop or a fault; ``fault`` then says what happened. ``job`` and ``plan`` are those that
-    ran: from where the machine really stood.
+    ran: from where the machine really stood, and after holds and overrides with the times that held.
     """
 
     job: Job
@@ -89,7 +95,7 @@ def perform(
             if options.home:
                 session.home(options.home)
             job, plan = _from_here(session, job, plan, replan)
-            outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
+            plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
             fault = _with_places(str(error), error.positions, machine)
         simulation = session.simulation
@@ -112,11 +118,24 @@ def _run_parts(
     options: RunOptions,
     progress: Callable[[Progress], None],
     stop_requested: Callable[[], bool],
-) -> Outcome:
-    """Run the trajectory; on ports, part by part, with a wait for whoever stands at the machine before each."""
-    if session.simulation is not None:
-        return session.run(plan.trajectory, profile=options.profile, progress=progress, stop_requested=stop_requested)
-    parts = list(parts_of(plan.trajectory))
+) -> tuple[Plan, Outcome]:
+    """Run the trajectory; on ports, part by part, with a wait for whoever stands at the machine before each.
+
+    The plan comes back with the times that held in the end; one in several parts as it was.
+    """
+
+    def run(trajectory: Trajectory, told: Callable[[Progress], None]) -> Outcome:
+        return session.run(
+            trajectory, profile=options.profile, progress=told, stop_requested=stop_requested, control=options.control
+        )
+
+    whole = retimable(plan)
+    parts = [] if session.simulation is not None else list(parts_of(plan.trajectory))
+    if len(parts) < 2 and not any(part.waits for part in parts):
+        outcome = run(whole, progress)
+        if outcome.retimed and outcome.finished and isinstance(whole, RetimablePlan):
+            plan = replace(plan, trajectory=whole.streamed())
+        return plan, outcome
     asked = session.config.user_command
     requests = [request(wait, asked) for part in parts for wait in part.waits]
     if requests and options.ask is None:
@@ -129,10 +148,19 @@ def _run_parts(
         def shifted(inner: Progress, begin_s: float = part.begin_s) -> None:
             progress(replace(inner, time_s=inner.time_s + begin_s, duration_s=plan.trajectory.duration_s))
 
-        outcomes.append(session.run(part, profile=options.profile, progress=shifted, stop_requested=stop_requested))
+        outcomes.append(run(retimable(plan, part), shifted))
         if not outcomes[-1].finished:
             break
-    return _joined(outcomes)
+    return plan, _joined(outcomes)
+
+
+def retimable(plan: Plan, part: Part | None = None) -> Trajectory:
+    """The plan, or a part of it, so that it can be held and overridden, if it can be."""
+    if plan.setting is None:
+        return plan.trajectory if part is None else part
+    if part is None:
+        return RetimablePlan(plan)
+    return RetimablePlan(plan, part, part.begin_s, getattr(part, "own", None))
 
 
 def _joined(outcomes: list[Outcome]) -> Outcome:
@@ -147,9 +175,22 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
         loads=sum(statistics.loads for statistics in each),
         late_slices=sum(statistics.late_slices for statistics in each),
         slice_ms=max(statistics.slice_ms for statistics in each),
+        host_delay_p99_ms=max(statistics.host_delay_p99_ms for statistics in each),
+        host_delay_max_ms=max(statistics.host_delay_max_ms for statistics in each),
+        late_exchanges=sum(statistics.late_exchanges for statistics in each),
+        least_speed=min(statistics.least_speed for statistics in each),
+        unheeded=next((statistics.unheeded for statistics in each if statistics.unheeded), ""),
     )
     first, last = outcomes[0], outcomes[-1]
-    return replace(last, plan_start_ns=first.plan_start_ns, begins_at=first.begins_at, statistics=total)
+    holds = tuple(hold for outcome in outcomes for hold in outcome.holds)
+    return replace(
+        last,
+        plan_start_ns=first.plan_start_ns,
+        begins_at=first.begins_at,
+        statistics=total,
+        holds=holds,
+        retimed=any(outcome.retimed for outcome in outcomes),
+    )
 
 
 def _told(session: Session, options: RunOptions, evidence: Evidence) -> None:

@@ -1,61 +1,50 @@
 """What a machine is doing: one state machine from power-up to the verdict. ``verify`` and ``run`` share all of it.
 
+                                              held
+                                             |    ^
+                                        resume    hold
+                                             v    |
     idle --home--> homing --> idle --run--> running --> idle
                       \\                     |  \\--stop--> stopped
                        \\--------------------+----fault--> faulted
 
 Whatever goes wrong while something moves, the first thing done is to stop every motor and to read where it stands;
 only then is the caller told. A stop is asked for by a function that is polled between two exchanges, never by an
-exception in the middle of one.
+exception in the middle of one; so are hold, resume and override (``machines.control``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.control import Control
 from machines.cy545 import stand_ins
 from machines.cy545_homing import home_indexer
 from machines.homing import Homed, home_servo, home_stepper
 from machines.indexing import IndexingSource, Yard, has_index_moves
-from machines.patience import PatientSource
+from machines.outcome import Outcome
 from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
+from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
-from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.errors import NmcError
-from nmc.executor import play
 from nmc.picservo import PicServo
 from nmc.picstep import PicStep
-from nmc.program import Evidence, Exchange, ExchangeSource
+from nmc.program import Evidence
 from planner.quantize import nearest_step
-from planner.stream import Progress, StreamCounts, StreamSource, lead_in_ns, make_source
+from planner.stream import Progress, StreamSource, lead_in_ns, make_source
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
 
-PROGRESS_EVERY_NS = 100_000_000
 SETTLE_NS = 200_000_000
-
-
-class RunSource(ExchangeSource, Protocol):
-    """A stream that tells where it is."""
-
-    plan_start_ns: int
-
-    def progress(self) -> Progress:
-        """Where the plan stands."""
-
-    def counts(self) -> StreamCounts:
-        """Slices so far."""
-
 
 Note = Callable[..., None]
 """``note(event, time_ns, **fields)``: something happened."""
@@ -78,39 +67,6 @@ class SessionError(Exception):
     def __init__(self, message: str, positions: dict[str, int] | None = None) -> None:
         super().__init__(message)
         self.positions = positions
-
-
-@dataclass(slots=True)
-class StreamStatistics:
-    """What a run has cost on the buses."""
-
-    packets: int = 0
-    bytes: int = 0
-    busy_ns: int = 0
-    loads: int = 0
-    late_slices: int = 0
-    slice_ms: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a run ended. ``plan_start_ns``: link time of t = 0.
-
-    ``begins_at``, ``positions``: counters of the motors before and after, as read back from their chips.
-    """
-
-    finished: bool
-    plan_start_ns: int
-    end_ns: int
-    line: int
-    positions: dict[str, int]
-    begins_at: dict[str, int] = field(default_factory=dict)
-    statistics: StreamStatistics = field(default_factory=StreamStatistics)
-
-
-def _is_load(exchange: Exchange) -> bool:
-    """Whether an exchange gives a motor something to do: Load Trajectory, or Stop Motor with a Stop Here position."""
-    return exchange.command == LOAD_TRAJECTORY or (exchange.command == STOP_MOTOR and len(exchange.data) > 1)
 
 
 def _nothing(*_: Any, **__: Any) -> None:
@@ -191,19 +147,31 @@ class Session:
         profile: str = "auto",
         progress: Callable[[Progress], None] | None = None,
         stop_requested: Callable[[], bool] = _never,
+        control: Control | None = None,
     ) -> Outcome:
-        """Stream a trajectory to its end or to a requested stop. Raises SessionError after stopping everything."""
+        """Stream a trajectory to its end or to a requested stop. Raises SessionError after stopping everything.
+
+        ``control``: hold, resume, override. They need a trajectory that can be timed anew (``planner.retime``); so
+        does slowing down for a host that takes longer than was assumed of it.
+        """
         if self.state is not State.IDLE:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
         source: RunSource | None = None
+        onlookers = Onlookers(progress or _nothing, self.watch, stop_requested, control or Control())
         try:
             begins_at = self._positions()
             self._require_start(trajectory, begins_at)
             bringup.park(self.connection)
             source = self._source(trajectory, profile)
             with bringup.armed(self.connection):
-                finished, statistics = self._stream(source, progress or _nothing, stop_requested)
+                streamed = stream(source, self.connection, self, onlookers)
+                if streamed.last is None:
+                    self._settle()
+                    self.note("run_ends", self.now_ns)
+                else:
+                    self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
+                    self.stop()
         except (NmcError, StreamError, ValueError) as error:
             positions = self._stop_after_failure(str(error))
             line = source.progress().line if source else 0
@@ -211,17 +179,19 @@ class Session:
         except BaseException as error:
             self._stop_after_failure(type(error).__name__)
             raise
-        statistics.late_slices = source.counts().late_slices
+        statistics = streamed.statistics
         statistics.slice_ms = self._slice_ms(statistics.loads, source.plan_start_ns)
-        self._change(State.IDLE if finished else State.STOPPED)
+        self._change(State.IDLE if streamed.last is None else State.STOPPED)
         return Outcome(
-            finished=finished,
+            finished=streamed.last is None,
             plan_start_ns=source.plan_start_ns,
             end_ns=self.now_ns,
             line=source.progress().line,
             positions=self._positions(),
             begins_at=begins_at,
             statistics=statistics,
+            holds=streamed.holds,
+            retimed=streamed.retimed,
         )
 
     def _slice_ms(self, loads: int, plan_start_ns: int) -> float:
@@ -316,48 +286,19 @@ class Session:
         yard = Yard(connection.indexers, make, park, lead_ns, driven[0].address, driven[0].bus)
         return IndexingSource(trajectory, yard, self.now_ns + lead_ns)
 
-    def _stream(
-        self, source: RunSource, progress: Callable[[Progress], None], stop_requested: Callable[[], bool]
-    ) -> tuple[bool, StreamStatistics]:
-        self.note("run_begins", self.now_ns, plan_start_ns=source.plan_start_ns)
-        statistics = StreamStatistics()
-        counters = [bus.counters for bus in self.connection.buses]
-        packets = sum(each.packets for each in counters)
-        wire_bytes = sum(each.bytes_out + each.bytes_in for each in counters)
-        next_ns, line = self.now_ns, 0
-        finished = True
-        patient = PatientSource(source, motors(self.config)[0].address)
-        for evidence in play(self.connection.buses, patient):
-            statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
-            statistics.loads += _is_load(evidence.exchange)
-            self.watch(evidence)
-            if evidence.exchange.line != line:
-                line = evidence.exchange.line
-                self.note("line", evidence.sent_ns, line=line)
-            if evidence.replied_ns >= next_ns:
-                next_ns = evidence.replied_ns + PROGRESS_EVERY_NS
-                progress(source.progress())
-            if stop_requested():
-                self._stop_on_request(evidence)
-                finished = False
-                break
-        statistics.packets = sum(each.packets for each in counters) - packets
-        statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
-        progress(source.progress())
-        if finished:
-            self._settle()
-            self.note("run_ends", self.now_ns)
-        return finished, statistics
+    def stand(self, stands: bool) -> None:
+        """A hold has brought the machine to rest, or a resume makes it run again."""
+        self._change(State.HELD if stands else State.RUNNING)
+
+    def places(self) -> dict[str, float]:
+        """As ``where``."""
+        return self.where()
 
     def _settle(self) -> None:
         """A servo comes to rest a little after its command: give it time before it is asked where it stands."""
         if servo_tables(self.config):
             link = self.connection.links[0]
             link.sleep_until(link.now_ns() + SETTLE_NS)
-
-    def _stop_on_request(self, evidence: Evidence) -> None:
-        self.note("stop_requested", self.now_ns, line=evidence.exchange.line)
-        self.stop()
 
     def _stop_after_failure(self, words: str) -> dict[str, int] | None:
         """Bring everything to rest after a failure; the failure itself is what the caller will be told."""

@@ -20,6 +20,9 @@ REPLY_DELAY_MAX_NS = 500_000
 SILENT_WAIT_NS = 512_000
 """After a command that nobody answers: at least 0.5 ms (section 3.3), 0.51 ms on a bus with PIC-SERVOs."""
 
+CLOCKS_NS = 100_000
+"""What clocks that are a little off may add to a reply."""
+
 
 def module_byte_ns(baud: int) -> int:
     """Duration of one byte sent by a module that was set to ``baud`` (a key of the sheet's table of divisors)."""
@@ -72,8 +75,12 @@ class BusTiming:
     ) -> tuple[int, int]:
         """Earliest and latest instant at which a PIC-STEP executed the command of this exchange.
 
-        The reply bounds the outbound delay from above: the command was complete before the reply began.
+        The reply bounds the outbound delay from above: the command was complete before the reply began. A reply that
+        comes later than anything assumed of host and module says that the assumption on the host is wrong; then it is
+        the only bound.
         """
         first = sent_ns + self.command_ns(data_bytes)
-        last = min(first + self.jitter_max_ns, max(first, replied_ns - self.reply_ns(extra_bytes)))
-        return first, last + self.start_delay_max_ns
+        reply_ns = max(first, replied_ns - self.reply_ns(extra_bytes))
+        foreseen_ns = first + self.jitter_max_ns
+        broken = reply_ns > foreseen_ns + self.reply_delay_max_ns + CLOCKS_NS
+        return first, (reply_ns if broken else min(foreseen_ns, reply_ns)) + self.start_delay_max_ns

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planner.jerk import FilteredTrajectory
-from planner.live import LiveTrajectory, Rest
 from planner.paths import cut
 from planner.plan import Plan
 from planner.timeline import Timeline, part
-from planner.timing import Rate
+from planner.timing import Pieces, Rate
 from planner.trajectory import PathTrajectory
 from planner.types import F8, I4, Event, Trajectory
+
+if TYPE_CHECKING:
+    from planner.live import LiveTrajectory, Rest
 
 SLIVER_S = 1e-9
 """What is left of a piece at a cut, if shorter, is nothing."""
@@ -29,15 +32,23 @@ class RetimablePlan:
     """A plan, or the stretch of it that ``undisturbed`` shows; implements ``Trajectory`` and rate control.
 
     plan: one with a ``setting``. undisturbed: the plan's own trajectory, or a view on its stretch that begins at
-    ``begin_s`` at rest. Raises ValueError for a plan that cannot be timed anew.
+    ``begin_s`` at rest. own: the stretch's first event and the first one after it, by number; None: those of its time.
+    Raises ValueError for a plan that cannot be timed anew.
     """
 
-    def __init__(self, plan: Plan, undisturbed: Trajectory | None = None, begin_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        undisturbed: Trajectory | None = None,
+        begin_s: float = 0.0,
+        own: tuple[int, int] | None = None,
+    ) -> None:
         if plan.setting is None:
             raise ValueError("this plan cannot be timed anew")
         self._plan = plan
         self._now: Trajectory = plan.trajectory if undisturbed is None else undisturbed
         self._begin_s = begin_s
+        self._own = own
         self._live: LiveTrajectory | None = None
         self.rest: Rest | None = None
         """Where and when the last hold comes to rest, as it was announced."""
@@ -47,10 +58,10 @@ class RetimablePlan:
         """A hold or an override has changed its times."""
         return self._live is not None
 
-    def streamed(self) -> Trajectory:
-        """What has been streamed: the plan itself, or its path with the times that held at last."""
+    def streamed(self) -> PathTrajectory | FilteredTrajectory:
+        """What has been streamed: the plan itself, or its path (of a stretch its own) with the times that held."""
         if self._live is None:
-            return self._now
+            return self._plan.trajectory
         self._live.extend(np.inf)
         return self._live.view()
 
@@ -108,34 +119,38 @@ class RetimablePlan:
 
     def _retimed(self) -> LiveTrajectory:
         if self._live is None:
-            self._live = live_of(self._plan, self._begin_s, self._begin_s + self._now.duration_s)
+            self._live = live_of(self._plan, self._begin_s, self._begin_s + self._now.duration_s, self._own)
             self._now = self._live
         return self._live
 
 
-def live_of(plan: Plan, begin_s: float, end_s: float) -> LiveTrajectory:
+def live_of(plan: Plan, begin_s: float, end_s: float, own: tuple[int, int] | None = None) -> LiveTrajectory:
     """The stretch [begin_s, end_s] of a plan as a live trajectory that is planned to its end; it begins at rest.
 
-    Marks and events of a plan are the same things in the same order, so an event's time says which marks lie inside.
+    Marks and events of a plan are the same things in the same order.
     """
+    from planner.live import LiveTrajectory
+
     assert plan.setting is not None
     base = plan.trajectory.base if isinstance(plan.trajectory, FilteredTrajectory) else plan.trajectory
+    marks, events = plan.timed.marks, base.events
+    if len(marks) != len(events):
+        raise ValueError("this plan cannot be timed anew: its marks are not its events")
     if not len(plan.timed.intervals):
-        line = Timeline(0.0, base.pieces, tuple(base.events))
-        return LiveTrajectory.planned(plan.setting, plan.timed.intervals, plan.timed.marks, line)
-    first, line = _stretch(base, begin_s, end_s)
-    last = int(line.pieces.interval[-1]) + 1
-    path = cut(plan.timed.intervals, first, first + last)
-    marks = [
-        replace(mark, node=mark.node - first)
-        for mark, event in zip(plan.timed.marks, base.events, strict=True)
-        if begin_s <= event.time_s < end_s or (begin_s <= event.time_s and end_s >= base.duration_s)
-    ]
-    return LiveTrajectory.planned(plan.setting, path, marks, line)
+        return LiveTrajectory.planned(plan.setting, plan.timed.intervals, marks, Timeline(0.0, base.pieces, (*events,)))
+    first, pieces = _stretch(base, begin_s, end_s)
+    path = cut(plan.timed.intervals, first, first + int(pieces.interval[-1]) + 1)
+    if own is None:
+        whole = end_s >= base.duration_s
+        times = [begin_s <= event.time_s and (whole or event.time_s < end_s) for event in events]
+        own = (times.index(True), len(times) - times[::-1].index(True)) if any(times) else (0, 0)
+    inside = slice(*own)
+    line = Timeline(0.0, pieces, tuple(replace(event, time_s=event.time_s - begin_s) for event in events[inside]))
+    return LiveTrajectory.planned(plan.setting, path, [replace(m, node=m.node - first) for m in marks[inside]], line)
 
 
-def _stretch(base: PathTrajectory, begin_s: float, end_s: float) -> tuple[int, Timeline]:
-    """Number of the first interval, and the pieces of a stretch with interval numbers and times from its beginning."""
+def _stretch(base: PathTrajectory, begin_s: float, end_s: float) -> tuple[int, Pieces]:
+    """Number of the first interval, and the pieces of a stretch with interval numbers from its beginning."""
     begins, ends = base.begin_s, np.append(base.begin_s[1:], base.duration_s)
     m = int(np.searchsorted(ends, begin_s + SLIVER_S, side="right"))
     n = max(int(np.searchsorted(begins, end_s - SLIVER_S, side="left")), m + 1)
@@ -144,10 +159,4 @@ def _stretch(base: PathTrajectory, begin_s: float, end_s: float) -> tuple[int, T
     duration[0] -= max(begin_s - float(begins[m]), 0.0)
     duration[-1] -= max(float(ends[n - 1]) - end_s, 0.0)
     first = int(pieces.interval[0])
-    pieces = replace(pieces, duration_s=duration, interval=pieces.interval - np.int32(first))
-    events = tuple(
-        replace(event, time_s=event.time_s - begin_s)
-        for event in base.events
-        if begin_s <= event.time_s < end_s or (begin_s <= event.time_s and end_s >= base.duration_s)
-    )
-    return first, Timeline(0.0, pieces, events)
+    return first, replace(pieces, duration_s=duration, interval=pieces.interval - np.int32(first))

@@ -105,6 +105,12 @@ class StreamSource:
         if schedule.hold is None:
             schedule.retime(self.trajectory, None)
 
+    def assume(self, jitter_max_ns: int) -> None:
+        """From now on the host is believed to need up to this long before the first byte of a packet leaves."""
+        for stream in (self._former, self._stream):
+            if stream is not None:
+                stream.assume(replace(stream.timing, jitter_max_ns=jitter_max_ns))
+
     @property
     def held(self) -> bool:
         """A hold has been asked for and not been resumed from."""

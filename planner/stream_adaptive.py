@@ -52,6 +52,14 @@ class AdaptiveSchedule(StepSchedule):
         self.servos.append(lane)
         self.exchange_ns = self.timing.mean_exchange_ns(VELOCITY_BYTES if isinstance(lane, SmoothLane) else COUNT_BYTES)
 
+    def assume(self, timing: BusTiming) -> None:
+        """What is assumed of the bus has changed."""
+        super().assume(timing)
+        for lane in self.lanes:
+            lane.timing = timing
+        smooth = any(isinstance(lane, SmoothLane) for lane in self.servos)
+        self.exchange_ns = timing.mean_exchange_ns(VELOCITY_BYTES if smooth else COUNT_BYTES)
+
     def run(self) -> Stream:
         """Lock onto the servo clocks, then play; a bus of steppers alone leaves every rest on a group Start."""
         for servo in self.servos:

@@ -53,6 +53,12 @@ class StepSchedule:
         """New times have come for everything that has not begun."""
         return False
 
+    def assume(self, timing: BusTiming) -> None:
+        """What is assumed of the bus has changed."""
+        self.timing = timing
+        for axis in self.axes:
+            axis.timing = timing
+
     def proceed(self) -> Stream:
         """What is sent next while something moves."""
         raise NotImplementedError

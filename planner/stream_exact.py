@@ -79,7 +79,11 @@ class ExactLane(StepLane):
         super().__init__(axis, schedule)
         self.train = train
         self.round_ns = axes * self.timing.mean_exchange_ns(LEG_BYTES)
-        self.pause_ns = self.timing.jitter_max_ns + self.timing.start_delay_max_ns + MARGIN_NS
+
+    @property
+    def pause_ns(self) -> int:
+        """What must lie between two pieces."""
+        return self.timing.jitter_max_ns + self.timing.start_delay_max_ns + MARGIN_NS
 
     @property
     def moving(self) -> bool:

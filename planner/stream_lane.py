@@ -47,6 +47,7 @@ class Lane(Protocol):
     """One axis of an adaptive stream. All instants are link time in ns."""
 
     address: int
+    timing: BusTiming
 
     @property
     def moving(self) -> bool:
