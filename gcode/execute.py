@@ -39,7 +39,6 @@ from gcode.codes import (
     TOOL_LENGTH,
     UNITS,
     USER,
-    g_name,
 )
 from gcode.compensation import set_compensation
 from gcode.cycles import CYCLES, canned_cycle
@@ -76,10 +75,7 @@ def dwell(machine: Machine, block: Block) -> None:
 
 def modal_0(machine: Machine, block: Block) -> None:
     """The non-modal codes that act after the modes."""
-    code = block.g[MODAL_0]
-    step = MODAL_0_STEPS.get(code)
-    if step is not None:
-        step(machine, block)
+    MODAL_0_STEPS[block.g[MODAL_0]](machine, block)
 
 
 def no_step(_machine: Machine, _block: Block) -> None:
@@ -133,10 +129,7 @@ def motion(machine: Machine, block: Block) -> None:
     assert code is not None
     if code not in CYCLES:
         machine.cycle.initial = None
-    step = MOTIONS.get(code)
-    if step is None:
-        raise GcodeError("GC099", f"{g_name(code)} is not supported", "rewrite the line", "motion")
-    step(machine, block, code)
+    MOTIONS[code](machine, block, code)
 
 
 def spindle(machine: Machine, block: Block) -> None:

@@ -103,8 +103,8 @@ def _unknown_g(value: float, code: int, span: tuple[int, int]) -> GcodeError:
         return GcodeError("GC010", "a negative G code", "remove the sign", span)
     hint = f"known codes nearby: {_nearby(code)}"
     base = (code // 10) * 10
-    if code % 10 and base in G_GROUP_OF:
-        relatives = [g_name(base + tenth) for tenth in range(10) if base + tenth in G_GROUP_OF]
+    relatives = [g_name(base + tenth) for tenth in range(10) if base + tenth in G_GROUP_OF]
+    if code % 10 and relatives:
         hint = f"known: {', '.join(relatives)}"
     elif code % 10 == 0 and code // 10 in G_GROUP_OF and code // 10 % 10:
         hint = f"did you mean {g_name(code // 10)}?"

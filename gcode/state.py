@@ -114,8 +114,3 @@ class State:
         if self.merge is not None:
             self.merge *= factor
         self.unit_mm = unit_mm
-
-
-def is_near(x: float, y: float, tolerance: float = 1e-9) -> bool:
-    """Whether two coordinates are the same point for all purposes."""
-    return math.isclose(x, y, rel_tol=tolerance, abs_tol=tolerance)

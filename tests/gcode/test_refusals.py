@@ -13,8 +13,8 @@ TESTS = Path(__file__).parent.parent
 ROOT = TESTS.parent
 FILES = sorted((TESTS / "refusals").glob("*.ngc"))
 WARNINGS_ARE_SHOWN_ELSEWHERE = "GC2"
-WITHOUT_PROGRAM = {"GC301", "GC302", "GC099"}
-"""Tool tables and parameter files have their own tests; GC099 guards codes of future dialects."""
+WITHOUT_PROGRAM = {"GC301", "GC302"}
+"""Tool tables and parameter files have their own tests."""
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
