@@ -143,6 +143,10 @@ def test_outputs_of_all_kinds():
     ]
 
 
+def coolants(result):
+    return [(c.mist, c.flood) for c in result.commands if isinstance(c, Coolant)]
+
+
 def test_overrides_and_coolant_end_with_the_program():
     result = run("M49\nM53 P1\nM52 P1\nM50 P0\nM51 P0\nM7 M48\nM49\nM8")
     functions = [c.function for c in result.commands if isinstance(c, Text)]
@@ -185,8 +189,7 @@ def test_saved_modes_come_back():
     text = "M7\nM8\nG64\nM70\nG91 G99 G18 G55 G61 G95 F1 G20 S5 M4\nM9\nM49\nM72\nG1 X1 F100"
     result = run(text)
     assert not result.errors
-    coolants = [(c.mist, c.flood) for c in result.commands if isinstance(c, Coolant)]
-    assert coolants[2:] == [(False, False), (True, False), (True, True), (False, True), (False, False)]
+    assert coolants(result)[2:] == [(False, False), (True, False), (True, True), (False, True), (False, False)]
     assert [c.direction for c in result.commands if isinstance(c, Spindle)][-2] == 1
 
 
