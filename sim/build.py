@@ -83,7 +83,7 @@ class Simulation:
         """Everything that came out up to the present time, motors in the order in which they were described."""
         for bus in self.buses:
             bus.status.settle(self.world.now_ns)
-        steppers, servos = self.steppers(), self.servos()
+        steppers, servos = self.steppers(), {name: m for name, m in self.servos().items() if m.spec.moves}
         for stepper in steppers.values():
             stepper.synchronise()
         for servo in servos.values():

@@ -22,6 +22,7 @@ _DATA_LENGTH = {
     SYNCH_INPUT: 0,
 }
 _PINS = 0x0FFF
+OUTPUT_PINS = tuple(f"bit{number}" for number in range(12))
 _TIMER_NS = 200  # 5 MHz, divided by 1, 2, 4, 8
 
 
@@ -35,14 +36,13 @@ class PicIo(nmc.NmcModule):
         super().__init__(spec.name, bus, ppb, draws)
         self.spec = spec
         self.levels = spec.inputs & _PINS
+        self.direction, self.outputs, self.pwm = _PINS, 0, (0, 0)
         self.analog = list(spec.analog)
         self.power_up()
 
     def power_up(self) -> None:
         """All pins inputs, outputs LOW, PWM 0, timer off."""
-        self.direction = _PINS  # 1 = input
-        self.outputs = 0
-        self.pwm = (0, 0)
+        self._change(_PINS, 0, (0, 0))  # 1 = input
         self.synch_outputs = 0
         self.synch_pwm = (0, 0)
         self.latched_pins = 0
@@ -99,13 +99,13 @@ class PicIo(nmc.NmcModule):
             self.violation("X-41", f"command 0x{command:X} is not defined for a PIC-I/O: treated as No Operation")
         elif self.check_length(command, data, wanted):
             if command == SET_DIRECTION:
-                self.direction = int.from_bytes(data[:2], "little") & _PINS
+                self._change(int.from_bytes(data[:2], "little") & _PINS, self.outputs, self.pwm)
             elif command == SET_PWM:
-                self.pwm = (data[0], data[1])
+                self._change(self.direction, self.outputs, (data[0], data[1]))
             elif command == SYNCH_OUTPUT:
-                self.outputs, self.pwm = self.synch_outputs, self.synch_pwm
+                self._change(self.direction, self.synch_outputs, self.synch_pwm)
             elif command == SET_OUTPUT:
-                self.outputs = int.from_bytes(data[:2], "little") & _PINS
+                self._change(self.direction, int.from_bytes(data[:2], "little") & _PINS, self.pwm)
             elif command == SET_SYNCH_OUTPUT:
                 self.synch_outputs = int.from_bytes(data[:2], "little") & _PINS
                 self.synch_pwm = (data[2], data[3])
@@ -114,3 +114,11 @@ class PicIo(nmc.NmcModule):
                 self.timer_from_ns = self.world.now_ns
             else:
                 self.latched_pins, self.latched_timer = self.pins(), self.timer()
+
+    def _change(self, direction: int, outputs: int, pwm: tuple[int, int]) -> None:
+        """Take new levels and note the pins that have changed."""
+        now_ns, before = self.world.now_ns, self.outputs & ~self.direction
+        self.log.pins(now_ns, self.name, OUTPUT_PINS, before & _PINS, outputs & ~direction & _PINS)
+        for name, old, new in zip(("pwm1", "pwm2"), self.pwm, pwm, strict=True):
+            self.log.pwm(now_ns, self.name, name, old, new)
+        self.direction, self.outputs, self.pwm = direction, outputs, pwm

@@ -47,6 +47,9 @@ class _Pending:
     answers: bool
 
 
+LIMIT_PINS = ("limit1", "limit2")
+
+
 class PicServo(nmc.NmcModule):
     """One PIC-SERVO, PIC-ENC, amplifier and motor."""
 
@@ -188,7 +191,9 @@ class PicServo(nmc.NmcModule):
         self.pending = None
         self.run_to(tick)
         if pending.good and not self.shared(pending.command, pending.data):
+            before = self.raw_pwm
             self.execute(pending.command, pending.data)
+            self.log.pwm(self.world.now_ns, self.name, "pwm", before, self.raw_pwm)
         if pending.answers and not (pending.good and pending.command == nmc.HARD_RESET):
             mask = self.reply_mask(pending.command, pending.data) if pending.good else self.mask
             if pending.good and pending.command == nmc.SET_BAUD:
@@ -255,6 +260,14 @@ class PicServo(nmc.NmcModule):
         return float(self.f[k.THETA])
 
     @property
+    def raw_pwm(self) -> int:
+        """The PWM value of PWM mode, negative in reverse; 0 while the servo is on or the amplifier off."""
+        n = self.n
+        if n[k.SERVO_ON] or not n[k.AMP]:
+            return 0
+        return -int(n[k.RAW_PWM]) if n[k.DIR] else int(n[k.RAW_PWM])
+
+    @property
     def moving(self) -> bool:
         """The complement of move_done."""
         self.synchronise()
@@ -290,7 +303,9 @@ class PicServo(nmc.NmcModule):
                 moves.stop(data[0], None)
             elif command == nmc.SET_OUTPUTS:
                 self.zero_bits("SV-150", data[0], 0xF0)
-                n[k.IO_CONTROL] = data[0] & 0x0F
+                before, after = int(n[k.IO_CONTROL]), data[0] & 0x0F
+                n[k.IO_CONTROL] = after
+                self.log.pins(self.world.now_ns, self.name, LIMIT_PINS, before & ~(before >> 2), after & ~(after >> 2))
             elif command == nmc.SET_HOMING:
                 moves.set_homing(data[0])
             elif command == nmc.CLEAR_BITS:

@@ -28,6 +28,8 @@ _DATA_LENGTH = {
     nmc.SAVE_HOME: 0,
 }
 
+OUTPUT_PINS = ("out1", "out2", "out3", "out4", "out5")
+
 
 class PicStep(nmc.NmcModule):
     """One PIC-STEP with its inputs, outputs and mechanics."""
@@ -59,7 +61,8 @@ class PicStep(nmc.NmcModule):
         self.home_position = 0
         self.homing = 0
         self.homing_from = 0
-        self.outputs = 0x10
+        before, self.outputs = getattr(self, "outputs", 0x10), 0x10
+        self.log.pins(self.world.now_ns, self.name, OUTPUT_PINS, before, self.outputs)
         self.parameters_set = False
         self.speed_mode = 1
         self.limit_stop = True
@@ -185,6 +188,7 @@ class PicStep(nmc.NmcModule):
                 self._stop_motor(data[0])
             elif command == nmc.SET_OUTPUTS:
                 self.zero_bits("ST-160", data[0], 0xE0)
+                self.log.pins(self.world.now_ns, self.name, OUTPUT_PINS, self.outputs, data[0] & 0x1F)
                 self.outputs = data[0] & 0x1F
             elif command == nmc.SET_HOMING:
                 set_homing(self, data[0])

@@ -95,7 +95,8 @@ class ServoModule:
     counter starts at 0. limits: switches on the pins limit1 and limit2, in counts. version: of the firmware, 4 in the
     data sheet; 1 has no Stop Here, below 3 homing does not stop, below 4 Set Gain ignores a 14th byte.
     derivative_as_printed: the formula of section 4.3 taken literally, which amplifies (X-01). trace_every: one sample
-    of command and position every so many ticks (0: none).
+    of command and position every so many ticks (0: none). moves: it moves an axis, so that the trace has it as a motor;
+    False: a spindle or an output.
     """
 
     name: str
@@ -108,6 +109,7 @@ class ServoModule:
     version: int = 4
     derivative_as_printed: bool = False
     trace_every: int = 1
+    moves: bool = True
 
 
 @dataclass(frozen=True, slots=True)

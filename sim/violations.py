@@ -7,6 +7,7 @@ the chip is for.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -29,12 +30,34 @@ class Incident:
     what: str
 
 
+@dataclass(frozen=True, slots=True)
+class OutputChange:
+    """An output pin has changed. value: level 0 or 1 of a pin, 0 to 255 of a PWM (negative in reverse)."""
+
+    time_ns: int
+    module: str
+    pin: str
+    value: int
+
+
 class Log:
     """Everything worth telling of one simulation, in the order in which it happened."""
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []
         self.incidents: list[Incident] = []
+        self.outputs: list[OutputChange] = []
+
+    def pins(self, time_ns: int, module: str, names: Sequence[str], before: int, after: int) -> None:
+        """Note every pin whose bit differs; ``names`` from bit 0 on."""
+        for bit, name in enumerate(names):
+            if (before ^ after) >> bit & 1:
+                self.outputs.append(OutputChange(time_ns, module, name, after >> bit & 1))
+
+    def pwm(self, time_ns: int, module: str, name: str, before: int, after: int) -> None:
+        """Note a PWM output that has changed."""
+        if before != after:
+            self.outputs.append(OutputChange(time_ns, module, name, after))
 
     def violation(self, time_ns: int, module: str, rule: str, consequence: str) -> None:
         """Note a breach of a data sheet."""
