@@ -100,9 +100,14 @@ def execute_run(
 
 def _forward(column: F8, start: float) -> F8:
     """Each value held until the next one; ``start`` before the first."""
-    index = np.where(np.isnan(column), -1, np.arange(len(column)))
-    np.maximum.accumulate(index, out=index)
-    return np.where(index >= 0, column[index], start)
+    given = np.flatnonzero(~np.isnan(column))
+    if len(given) == len(column):
+        return column
+    values, lengths = np.empty(len(given) + 1), np.empty(len(given) + 1, np.int64)
+    values[0], values[1:] = start, column[given]
+    edges = np.append(given, len(column))
+    lengths[0], lengths[1:] = edges[0], np.diff(edges)
+    return np.repeat(values, lengths)
 
 
 def _read(machine: Machine, values: F8) -> _Rows:
@@ -198,8 +203,8 @@ def _arcs(
         start.append(np.where(arcs > 0, column[arcs - 1], state.position[axis]))
     one, two, _ = CENTER_COLUMNS[state.plane]
     zero = np.zeros(len(arcs))
-    i = np.nan_to_num(rows.columns[one][:good][arcs]) if one in rows.columns else zero
-    j = np.nan_to_num(rows.columns[two][:good][arcs]) if two in rows.columns else zero
+    i = _or_zero(rows.columns[one][:good][arcs]) if one in rows.columns else zero
+    j = _or_zero(rows.columns[two][:good][arcs]) if two in rows.columns else zero
     ca, cb = (i, j) if state.ijk_absolute else (start[0] + i, start[1] + j)
     radius = rows.columns["r"][:good][arcs] if "r" in rows.columns else np.full(len(arcs), np.nan)
     by_radius = ~np.isnan(radius)
@@ -213,6 +218,11 @@ def _arcs(
     if doubtful.any():
         good = int(arcs[np.argmax(doubtful)])
     return (a, b), turns, good
+
+
+def _or_zero(column: F8) -> F8:
+    """Missing values are zero."""
+    return np.where(np.isnan(column), 0.0, column)
 
 
 def _doubtful(machine: Machine, start: list[F8], stop: list[F8], center: tuple[F8, F8], strict: bool) -> Flags:
@@ -264,8 +274,13 @@ def _block(
     state, frame = machine.state, machine.emit.frame
     used = sorted({0, 1, 2} | positions.keys())
     motion = rows.motion[selected]
+    every = len(selected) == good
     program = [
-        positions[axis][selected] if axis in positions else np.full(len(selected), state.position[axis])
+        np.full(len(selected), state.position[axis])
+        if axis not in positions
+        else positions[axis][:good]
+        if every
+        else positions[axis][selected]
         for axis in used
     ]
     end = _to_machine(frame, used, program)
@@ -309,8 +324,12 @@ def _to_machine(frame: Frame, used: list[int], program: list[F8]) -> F8:
         shifted[0], shifted[1] = x * cosine - y * sine, x * sine + y * cosine
     end = np.empty((len(program[0]), len(used)))
     for column, axis in enumerate(used):
-        value = shifted[column] + frame.origin[axis] + frame.tool[axis]
-        end[:, column] = value * frame.unit_mm if axis in LINEAR else value
+        value = shifted[column]
+        value += frame.origin[axis]
+        value += frame.tool[axis]
+        if axis in LINEAR:
+            value *= frame.unit_mm
+        end[:, column] = value
     return end
 
 

@@ -168,7 +168,8 @@ class Templates:
         table[:, :11] = self.rows
         table[:, 11] = self.machine.state.feed
         self.rows.clear()
-        axes = [axis for axis in range(9) if axis < 3 or table[:, 2 + axis].any()]
+        before = self.machine.emit.frame.to_program(self.machine.emit.last)
+        axes = [axis for axis in range(9) if axis < 3 or (table[:, 2 + axis] != before[axis]).any()]
         columns = [0, 1, *(2 + axis for axis in axes), 11]
         self.machine.emit.block(rows_block(self.machine, axes, table[:, columns], ()))
         low = (table[:, 0] == 0.0) & (table[:, 4] < 0.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-CHUNK_BYTES = 1 << 17
+CHUNK_BYTES = 1 << 18
 """A chunk and its tables stay in the cache of the processor."""
 
 

@@ -1,5 +1,6 @@
 """Columns, shapes and compiled loops give the very commands that the line by line interpreter gives."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -115,6 +116,52 @@ def test_numbers_are_the_floats_that_float_gives():
     assert table.values[LETTERS.index("x")].tolist() == [float(number) for number in numbers]
 
 
+WORD = re.compile(rf"([{LETTERS}])([+-]?(?:\\d+\\.?\\d*|\\.\\d+))")
+
+
+def plainly_read(line):
+    """The words of a plain line by regular expression, None for a line that is not plain."""
+    line, at, found = line.translate({ord(c): None for c in " \t\r"}).lower(), 0, {}
+    while at < len(line):
+        word = WORD.match(line, at)
+        if word is None:
+            return None
+        letter, number = word.groups()
+        if letter in found or (letter == "n" and found) or sum(c.isdigit() for c in number) > 15:
+            return None
+        found[letter] = float(number)
+        at = word.end()
+    return found
+
+
+def test_tables_hold_what_a_regular_expression_reads():
+    rng = np.random.default_rng(12)
+    pieces = ["X", "y", "Z", "G", "N", "1", "23", "456789", "1234567890123", ".", "-", "+", " ", "\t", "\r", "(a)", "T"]
+    pieces += [
+        "X1.5",
+        "Y-2.25",
+        "Z+0.125 ",
+        "N10",
+        "-0.",
+        "-.5",
+        "X-0.000001",
+        "F1234567.12345678",
+        "I.123456789012345",
+    ]
+    pieces += ["%", "\u00e9", "#", *["\n"] * 6]
+    for _ in range(1500):
+        text = "".join(pieces[i] for i in rng.integers(0, len(pieces), rng.integers(1, 60))) + "\n"
+        table = tabulate(text.encode())
+        for index, line in enumerate(text.split("\n")[:-1]):
+            expected = plainly_read(line)
+            assert table.plain[index] == (expected is not None), (text, line)
+            if expected is not None:
+                column = table.values[:, index].tolist()
+                read = {letter: value for letter, value in zip(LETTERS, column, strict=True) if value == value}
+                assert {k: repr(v) for k, v in read.items()} == {k: repr(v) for k, v in expected.items()}
+                assert text.encode()[table.starts[index] : table.starts[index + 1] - 1].decode() == line
+
+
 LOOPS = """G21 G90 F600
 o100 sub
 #3=[#1*2]
@@ -179,6 +226,11 @@ def test_shapes_equal_lines(slowly):
     fast, slow = interpret(text), slowly(text)
     assert fast.diagnostics == slow.diagnostics
     assert fast.commands == slow.commands
+
+
+def test_a_shape_may_bring_an_axis_back_to_zero(slowly):
+    text = "G21 G90 F500\nG0 X1 B0.01\nG0 X0\nG0 X0 B#101\nM2\n"
+    assert interpret(text).commands == slowly(text).commands
 
 
 def test_a_file_is_read_piece_by_piece(tmp_path):
