@@ -116,7 +116,7 @@ def test_numbers_are_the_floats_that_float_gives():
     assert table.values[LETTERS.index("x")].tolist() == [float(number) for number in numbers]
 
 
-WORD = re.compile(rf"([{LETTERS}])([+-]?(?:\\d+\\.?\\d*|\\.\\d+))")
+WORD = re.compile(rf"([{LETTERS}])([+-]?(?:\d+\.?\d*|\.\d+))")
 
 
 def plainly_read(line):
