@@ -18,7 +18,7 @@ from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, sp
 from nmc.bus import Bus
 from nmc.chips import picio, picstep
 from nmc.cy545 import Cy545
-from nmc.executor import PARKED_GROUP, STREAMING_GROUP, stop_all
+from nmc.executor import PARKED_GROUP, STREAMING_GROUP, stop_together
 from nmc.link import Link
 from nmc.picservo import Gains, PicServo
 from nmc.picstep import PicStep
@@ -274,7 +274,7 @@ def stop_everything(connection: Connection) -> int:
     """Stop every motor of every bus at once; returns the rounds it took. Raises NmcError if one cannot be stopped."""
     for indexer in connection.indexers.values():
         indexer.begin_stop()
-    rounds = max(stop_all(bus) for bus in connection.buses)
+    rounds = stop_together(connection.buses)
     for indexer in connection.indexers.values():
         indexer.finish_stop()
     return rounds

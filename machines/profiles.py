@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from typing import cast
 
+from machines.cy545 import cy545_tables
 from machines.schema import MachineConfig
 from machines.wiring import motor_tables, motors, servo_tables
+from planner.motors import ServoMotor
 from planner.stream import PROFILES, Profile
 
 TWIN = "twin"
@@ -34,6 +36,17 @@ def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profi
     return "adaptive" if _timers_known(config, simulated) else "group"
 
 
+def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: bool) -> Profile:
+    """The profile of one of several buses: the machine's, unless that is one of servos and this bus has only steppers.
+
+    Beside servos on a bus of their own, steppers get what they would get alone.
+    """
+    has_servos = any(isinstance(motor, ServoMotor) for motor in motors(config) if motor.bus == bus)
+    if has_servos or chosen not in ("stop-here", "smooth"):
+        return chosen
+    return "adaptive" if _timers_known(config, simulated) else "group"
+
+
 def _timers_known(config: MachineConfig, simulated: bool) -> bool:
     """Whether every step timer is known to do what the twins of the stream do. Of a port the twin tells nothing."""
     if simulated:
@@ -53,6 +66,6 @@ def why_not_streamed(config: MachineConfig) -> str:
     divided = [name for name, (_, table) in servo_tables(config).items() if table.servo.servo_rate_divisor != 1]
     if divided:
         return f"motor {', '.join(divided)}: programs need servo_rate_divisor = 1"
-    if len({motor.bus for motor in motors(config)}) > 1:
-        return "motors on several buses: programs can move those of one bus so far"
+    if cy545_tables(config) and len({motor.bus for motor in motors(config)}) > 1:
+        return "axes on CY545s beside motors on several buses: programs can move either, not both"
     return ""

@@ -32,6 +32,7 @@ from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
 from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
+from machines.several import bus_streams
 from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
 from nmc.errors import NmcError
@@ -40,6 +41,7 @@ from nmc.picstep import PicStep
 from nmc.program import Evidence
 from planner.quantize import nearest_step
 from planner.stream import Progress, StreamSource, lead_in_ns, make_source
+from planner.stream_buses import BusStreams
 from planner.stream_error import StreamError
 from planner.types import Trajectory
 from sim.build import Simulation
@@ -157,7 +159,7 @@ class Session:
         if self.state is not State.IDLE:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
-        source: RunSource | None = None
+        source: RunSource | BusStreams | None = None
         onlookers = Onlookers(progress or _nothing, self.watch, stop_requested, control or Control())
         try:
             begins_at = self._positions()
@@ -268,8 +270,10 @@ class Session:
         if self._connection is not None:
             self._connection.close()
 
-    def _source(self, trajectory: Trajectory, profile: str) -> RunSource:
+    def _source(self, trajectory: Trajectory, profile: str) -> RunSource | BusStreams:
         driven = motors(self.config)
+        if len({motor.bus for motor in driven}) > 1:
+            return bus_streams(self.connection, trajectory, profile, self.note)
         simulated = self.connection.simulation is not None
         timing = bus_timing(self.config, driven[0].bus, simulated)
         chosen = choose_profile(self.config, profile, simulated)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,13 +11,12 @@ from machines.bringup import Connection
 from machines.control import Control
 from machines.governor import Governor
 from machines.outcome import StreamStatistics
-from machines.patience import PatientSource
 from machines.ratecontrol import Floor, HoldRecord, RateController
-from machines.wiring import bus_timing, motors
+from machines.several import governor_of, played, tell_starts
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
-from nmc.executor import play
 from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.stream import Progress, StreamCounts
+from planner.stream_buses import BusStreams
 
 PROGRESS_EVERY_NS = 100_000_000
 
@@ -53,7 +53,7 @@ class Streamed:
     retimed: bool
 
 
-def stream(source: RunSource, connection: Connection, floor: Floor, onlookers: Onlookers) -> Streamed:
+def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers) -> Streamed:
     """Play a source to its end, or until it is asked to stop; stopping the motors is then the caller's business."""
     link, simulated = connection.links[0], connection.simulation is not None
     floor.note("run_begins", link.now_ns(), plan_start_ns=source.plan_start_ns)
@@ -62,27 +62,30 @@ def stream(source: RunSource, connection: Connection, floor: Floor, onlookers: O
     packets = sum(each.packets for each in counters)
     wire_bytes = sum(each.bytes_out + each.bytes_in for each in counters)
     next_ns, line = link.now_ns(), 0
-    driven = motors(connection.config)
-    patient = PatientSource(source, driven[0].address)
-    governor = Governor(bus_timing(connection.config, driven[0].bus, simulated))
-    rates = RateController(source, onlookers.control, governor, floor, patient.recall)
+    governor = governor_of(connection)
+    evidences, recall = played(source, connection)
+    rates = RateController(source, onlookers.control, governor, floor, recall)
     last: Evidence | None = None
-    for evidence in play(connection.buses, patient):
-        statistics.busy_ns += evidence.replied_ns - evidence.sent_ns
-        statistics.loads += _is_load(evidence.exchange)
-        onlookers.watch(evidence)
-        if evidence.exchange.line != line:
-            line = evidence.exchange.line
-            floor.note("line", evidence.sent_ns, line=line)
-        if evidence.replied_ns >= next_ns:
-            next_ns = evidence.replied_ns + PROGRESS_EVERY_NS
-            onlookers.progress(rates.shown(source.progress()))
-        rates.after(evidence)
-        if rates.held and simulated:
-            onlookers.control.pause()
-        if onlookers.stop_requested() or rates.stop_asked:
-            last = evidence
-            break
+    busy_ns = dict.fromkeys(range(len(connection.buses)), 0)
+    with closing(evidences):
+        for evidence in evidences:
+            busy_ns[evidence.exchange.bus] += evidence.replied_ns - evidence.sent_ns
+            statistics.loads += _is_load(evidence.exchange)
+            onlookers.watch(evidence)
+            if evidence.exchange.line != line:
+                line = evidence.exchange.line
+                floor.note("line", evidence.sent_ns, line=line)
+            if evidence.replied_ns >= next_ns:
+                next_ns = evidence.replied_ns + PROGRESS_EVERY_NS
+                onlookers.progress(rates.shown(source.progress()))
+            rates.after(evidence)
+            if rates.held and simulated:
+                onlookers.control.pause()
+            if onlookers.stop_requested() or rates.stop_asked:
+                last = evidence
+                break
+    tell_starts(source, floor.note, link.now_ns())
+    statistics.busy_ns = max(busy_ns.values())
     statistics.packets = sum(each.packets for each in counters) - packets
     statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
     statistics.late_slices = source.counts().late_slices

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 
 from nmc.bus import Bus
 from nmc.chips import picservo, picstep
@@ -18,7 +18,7 @@ PARKED_GROUP = 0x82
 STOP_ROUNDS_MAX = 50
 
 
-def play(bus: Bus | Sequence[Bus], source: ExchangeSource) -> Iterator[Evidence]:
+def play(bus: Bus | Sequence[Bus], source: ExchangeSource) -> Generator[Evidence, None, None]:
     """Pull exchanges from ``source`` and send each at its time; one Evidence an exchange.
 
     Of several buses, which share one clock, ``Exchange.bus`` chooses; one exchange is under way at a time
@@ -36,7 +36,7 @@ def play(bus: Bus | Sequence[Bus], source: ExchangeSource) -> Iterator[Evidence]
         yield evidence
 
 
-def play_together(buses: Sequence[Bus], sources: Mapping[int, ExchangeSource]) -> Iterator[Evidence]:
+def play_together(buses: Sequence[Bus], sources: Mapping[int, ExchangeSource]) -> Generator[Evidence, None, None]:
     """Play a source a bus, by number, all at once with one command in flight on each; Evidence as it comes.
 
     The next exchange of a bus is asked for when its evidence has been looked at; ``Exchange.bus`` is not. Between two
@@ -122,7 +122,7 @@ def _stop_all(bus: Bus, groups: Sequence[int], amplifier: bool, rounds: int) -> 
 
 
 def _has_motor(module: Tracker) -> bool:
-    return module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
+    return module.moves_axis and module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
 
 
 def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> Talk[bool]:

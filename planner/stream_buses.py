@@ -131,7 +131,7 @@ class BusStreams:
         rest_ns = self.plan_start_ns + round(rest_s * NS_PER_S)
         for schedule, _ in controls:
             schedule.retime(self.trajectory, rest_ns)
-        self._recall()
+        self.recall()
         return rest_s
 
     def resume(self) -> None:
@@ -140,7 +140,7 @@ class BusStreams:
         controls[0][1].resume(self._sent_s())
         for schedule, _ in controls:
             schedule.retime(self.trajectory, None)
-        self._recall()
+        self.recall()
 
     def override(self, rate: Rate) -> None:
         """Feed and rapid override of everything that has not been sent; while held it counts from the resume on.
@@ -152,9 +152,15 @@ class BusStreams:
         if not self.held:
             for schedule, _ in controls:
                 schedule.retime(self.trajectory, None)
-            self._recall()
+            self.recall()
 
-    def _recall(self) -> None:
+    def assume(self, jitter_max_ns: int) -> None:
+        """From now on the host is believed to need up to this long before the first byte of a packet, on any bus."""
+        for stream in self.streams:
+            stream.assume(jitter_max_ns)
+
+    def recall(self) -> None:
+        """Take back what waits to be sent and was decided for times that hold no more."""
         for lane in self.lanes.values():
             lane.recall()
 

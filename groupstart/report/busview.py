@@ -45,7 +45,12 @@ class BusWatch:
     def view(self, plan_start_ns: int) -> BusView:
         """What was noted, on the plan's clock."""
         c = {name: np.array(values, dtype=np.int64) for name, values in self._columns.items()}
-        free = np.concatenate([c["sent"][:1], c["replied"][:-1]])
+        order = np.argsort(c["sent"], kind="stable")  # exchanges of several buses end in another order than they begin
+        c = {name: values[order] for name, values in c.items()}
+        free = c["sent"].copy()
+        for bus in np.unique(c["bus"]):
+            mine = np.flatnonzero(c["bus"] == bus)
+            free[mine[1:]] = c["replied"][mine[:-1]]
         due = np.where(c["due"] > 0, c["due"], c["sent"])
         kind = np.full(len(free), 3, np.uint8)
         kind[c["command"] == LOAD] = 0
@@ -53,15 +58,18 @@ class BusWatch:
         kind[(c["command"] == NOP)] = 2
         return BusView(
             c["bus"], c["address"], kind, np.asarray((c["sent"] - plan_start_ns) * 1e-9),
-            np.asarray((c["replied"] - plan_start_ns) * 1e-9), (due - free) * 1e-6,
+            np.asarray((c["replied"] - plan_start_ns) * 1e-9), np.asarray((due - free) * 1e-6),
             np.maximum(c["sent"] - due, 0) * 1e-6, c["line"],
         )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BusView:
-    """N exchanges in order. bus, address, line i8[N]; kind u1[N] index into ``KINDS``; begin_s, end_s f8[N] on the
-    plan's clock; slack_ms f8[N] (negative: the bus was not free when it was due); late_ms f8[N] after its time."""
+    """N exchanges in the order in which they left. bus, address, line i8[N]; kind u1[N] index into ``KINDS``.
+
+    begin_s, end_s f8[N] on the plan's clock; slack_ms f8[N] (negative: the bus was not free when it was due); late_ms
+    f8[N] after its time.
+    """
 
     bus: npt.NDArray[np.int64]
     address: npt.NDArray[np.int64]
@@ -82,15 +90,17 @@ class BusView:
         return late
 
     def utilisation(self, end_s: float, bins: int) -> tuple[F8, F8]:
-        """Middle of each of ``bins`` stretches of time and the share of it in which a wire was busy."""
+        """Middle of each of ``bins`` stretches of time and the share of it in which a bus was busy, on average."""
         edges = np.linspace(0.0, max(end_s, 1e-9), bins + 1)
-        busy = np.concatenate([[0.0], np.cumsum(self.end_s - self.begin_s)])
-        # busy time before an instant: whole exchanges, and the part of the one that is under way
-        at = np.searchsorted(self.begin_s, edges, side="right")
-        before = busy[at]
-        if len(self):
-            last = np.maximum(at - 1, 0)
-            over = np.where(at > 0, np.maximum(self.end_s[last] - edges, 0.0), 0.0)
-            before = before - over
-        span = np.diff(edges)
-        return 0.5 * (edges[:-1] + edges[1:]), np.clip(np.diff(before) / span, 0.0, 1.0)
+        buses = np.unique(self.bus).tolist()
+        shares = [np.clip(np.diff(self._busy_s(bus, edges)) / np.diff(edges), 0.0, 1.0) for bus in buses]
+        return 0.5 * (edges[:-1] + edges[1:]), np.mean(shares, axis=0) if shares else np.zeros(bins)
+
+    def _busy_s(self, bus: int, at_s: F8) -> F8:
+        """Busy time of a bus before given instants: whole exchanges, and the part of the one that is under way."""
+        begin_s, end_s = (column[self.bus == bus] for column in (self.begin_s, self.end_s))
+        busy = np.concatenate([[0.0], np.cumsum(end_s - begin_s)])
+        at = np.searchsorted(begin_s, at_s, side="right")
+        last = np.maximum(at - 1, 0)
+        over: F8 = np.where(at > 0, np.maximum(end_s[last] - at_s, 0.0), 0.0)
+        return np.asarray(busy[at] - over)

@@ -32,6 +32,7 @@ from groupstart.report.skew import starts
 from groupstart.report.zmap import DEFAULT_DIAMETER_MM, HeightMap, height_maps
 from machines.load import MachineFile
 from machines.runner import RunResult
+from machines.wiring import nmc_buses
 from planner.types import F8
 
 MOST_SIMULATED, MOST_EXCHANGES, BINS, BARS = 150_000, 250_000, 4000, 60
@@ -205,7 +206,7 @@ def _bus_fields(source: ReportInput) -> dict[str, Any] | None:
     for section in (config.axis, config.motor, config.module):
         for name, table in section.items():
             if table.chip != "cy545":
-                names[f"{list(config.bus).index(table.bus)}:{table.address}"] = f"{name} ({table.chip})"
+                names[f"{list(nmc_buses(config)).index(table.bus)}:{table.address}"] = f"{name} ({table.chip})"
     lanes = []
     for number, address in sorted({(int(b), int(a)) for b, a in zip(bus.bus, bus.address, strict=True)}):
         plain = f"group {address:#04x}" if address >= 0x80 else f"address {address}"

@@ -137,10 +137,8 @@ def test_a_profile_of_chips_that_the_machine_does_not_have(
     assert words in answer.err
 
 
-def test_a_machine_of_several_buses_is_refused_as_long_as_programs_cannot_move_it(
-    square: str, tmp_path: Path, cli: Cli
-) -> None:
-    text = (ROOT / "machines" / "data" / "mill3-step.toml").read_text()
+def test_cy545s_beside_motors_on_several_buses_are_refused(square: str, tmp_path: Path, cli: Cli) -> None:
+    text = (ROOT / "machines" / "data" / "mill3-indexer.toml").read_text()
     text = text.replace("[axis.X]", "[bus.second]\n\n[axis.X]", 1)
     text = text.replace('bus = "main"\naddress = 3', 'bus = "second"\naddress = 1')
     path = tmp_path / "two.toml"
