@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from gcode.canon import Command, MoveBlock, Text
 from planner import kernel, timeline
+from planner.braking import hardest, where_met
 from planner.errors import PlanError
 from planner.jerk import FilteredTrajectory
 from planner.kinematics import Kinematics
@@ -235,6 +236,8 @@ class LiveTrajectory:
             chunk, self._ended = next(self._source)
             self._marks += [replace(m, node=m.node + len(self._path)) for m in chunk.marks]
             self._path = join_intervals([self._path, chunk.intervals])
+        if self._x > 0:
+            self._divide_where_braking_ends()
         p = cut(self._path, self._node, len(self._path))
         x, cap, commit = self._solve(p)
         marks = [replace(m, node=m.node - self._node) for m in self._marks if m.node > self._scheduled]
@@ -246,20 +249,33 @@ class LiveTrajectory:
         self._scheduled = self._node
         self._x = float(x[commit])
 
+    def _caps(self, p: Intervals) -> tuple[F8, F8]:
+        """Caps on x of the intervals and nodes of ``p`` at the present rate."""
+        n, c = len(p), self._setting.constraints
+        cap, node_cap = np.empty(n), np.zeros(n + 1)
+        tangents = c.tangents(p)
+        speed = speed_cap(p, tangents, c.velocity, self.rate, self._fixed(n))
+        kernel.node_caps(p.length, *tangents, speed, p.stop, c.velocity, c.acceleration, corner_caps(p), cap, node_cap)
+        return cap, node_cap
+
+    def _divide_where_braking_ends(self) -> None:
+        """A motion too fast for its cap brakes as hard as it can; a long line is divided where it meets the cap."""
+        p, c = cut(self._path, self._node, len(self._path)), self._setting.constraints
+        met = where_met(p, c, hardest(p, c, self._x)[0], self._caps(p)[0]) if len(p) else None
+        if met is not None and SNAP_MM < met[1] < p.length[met[0]] - SNAP_MM:
+            self._divide(self._node + met[0], met[1])
+
     def _solve(self, p: Intervals) -> tuple[F8, F8, int]:
         """x at the nodes of ``p``, caps, and how many intervals the future cannot change."""
         n, c = len(p), self._setting.constraints
-        cap, node_cap, x = np.empty(n), np.zeros(n + 1), np.zeros(n + 1)
+        x = np.zeros(n + 1)
         if n == 0:
-            return x, cap, 0
+            return x, np.empty(0), 0
         tangents = c.tangents(p)
-        speed = speed_cap(p, tangents, c.velocity, self.rate, self._fixed(n))
-        limits = c.velocity, c.acceleration, corner_caps(p)
-        kernel.node_caps(p.length, *tangents, speed, p.stop, *limits, cap, node_cap)
+        cap, node_cap = self._caps(p)
         if self._x > 0:
             # too fast for the new caps: they give way to the hardest braking
-            slow = np.zeros(n + 1)
-            kernel.slowest(p.length, *tangents, c.acceleration, p.stop, 0, self._x, slow)
+            slow = hardest(p, c, self._x)[0]
             node_cap = np.where(p.stop & (np.arange(n + 1) > 0), 0.0, np.maximum(node_cap, slow))
         safe, hopeful = np.empty(n + 1), np.empty(n + 1)
         kernel.backward(p.length, *tangents, c.acceleration, node_cap, 0.0, safe)
@@ -347,9 +363,7 @@ class LiveTrajectory:
     def _brake(self) -> float:
         """Append the hardest braking from the present state; the distance to rest."""
         p, c = cut(self._path, self._node, len(self._path)), self._setting.constraints
-        x = np.zeros(len(p) + 1)
-        tangents = c.tangents(p)
-        j, offset = kernel.slowest(p.length, *tangents, c.acceleration, p.stop, 0, self._x, x)
+        x, j, offset = hardest(p, c, self._x)
         first, self._x = self._node, 0.0
         marks = [replace(m, node=m.node - first) for m in self._marks if self._scheduled < m.node <= first + j]
         pieces, events = schedule(Timed(cut(p, 0, j), x[: j + 1], np.zeros(j), marks), c)

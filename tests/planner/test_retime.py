@@ -158,3 +158,10 @@ def test_random_holds_and_overrides_of_one_run_end_on_the_end() -> None:
         within_limits(streamed, streamed.duration_s)
         on_path(streamed, made.trajectory)
         assert np.abs(streamed.q(np.array([streamed.duration_s]))).max() < 1e-9
+
+
+def test_a_slower_feed_acts_at_once_on_a_long_line() -> None:
+    _, again = retimable(commands=[canon.Feed(1, at(60), 40.0)])
+    again.override(0.5, Rate(feed=0.5))
+    speed = again.v(np.array([0.49, 0.501, 0.52, 0.545, 0.6, 1.0]))[:, 0]
+    assert speed == pytest.approx([40.0, 39.5, 30.0, 20.0, 20.0, 20.0])
