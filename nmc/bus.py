@@ -34,7 +34,7 @@ from nmc.chips.common import (
     STOP_MOTOR,
     true_baud,
 )
-from nmc.errors import LinkTimeout, LocalFault, RemoteFault
+from nmc.errors import LinkTimeout, LocalFault, NmcError, RemoteFault
 from nmc.guard import Guard
 from nmc.link import Link
 from nmc.modes import Tracker
@@ -71,13 +71,20 @@ class Bus:
 
     grace_ns: what operating system and adapter may add to an answer beyond the data sheet's time. host_latency_ns:
     what they may add before the first byte leaves (waited out where nobody answers). attempts: how often a repeatable
-    command is sent before its failure is reported.
+    command is sent before its failure is reported. name: of one of several buses, for errors.
     """
 
     def __init__(
-        self, link: Link, *, grace_ns: int = 40_000_000, host_latency_ns: int = 1_000_000, attempts: int = 3
+        self,
+        link: Link,
+        *,
+        grace_ns: int = 40_000_000,
+        host_latency_ns: int = 1_000_000,
+        attempts: int = 3,
+        name: str = "",
     ) -> None:
         self.link = link
+        self.name = name
         self.guard = Guard()
         self.counters = Counters()
         self.grace_ns = grace_ns
@@ -121,6 +128,9 @@ class Bus:
         except StopIteration as end:
             result: T = end.value
             return result
+        except NmcError as error:
+            error.bus = self.name
+            raise
 
     def talk(self, exchange: Exchange, *, attempts: int | None = None) -> Talk[Evidence]:
         """The steps of ``exchange``; a talk that is closed while its answer is out leaves the modules unsure."""

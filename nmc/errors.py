@@ -8,15 +8,17 @@ from __future__ import annotations
 
 
 class NmcError(Exception):
-    """Base of all bus errors. ``address`` is the module's or group's, -1 if none is meant."""
+    """Base of all bus errors. ``address`` is the module's or group's, -1 if none is meant; ``bus``: of several."""
 
     def __init__(self, words: str, *, address: int = -1) -> None:
         super().__init__(words)
         self.address = address
+        self.bus = ""
 
     def __str__(self) -> str:
-        where = f"module {self.address}: " if self.address >= 0 else ""
-        return where + str(self.args[0])
+        places = [f"bus {self.bus}"] if self.bus else []
+        places += [f"module {self.address}"] if self.address >= 0 else []
+        return f"{', '.join(places)}: {self.args[0]}" if places else str(self.args[0])
 
 
 class LocalFault(NmcError):  # noqa: N818 - the three are called faults throughout

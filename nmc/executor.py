@@ -122,7 +122,7 @@ def _stop_all(bus: Bus, groups: Sequence[int], amplifier: bool, rounds: int) -> 
 
 
 def _has_motor(module: Tracker) -> bool:
-    return module.moves_axis and module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
+    return module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
 
 
 def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> Talk[bool]:

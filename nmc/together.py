@@ -78,7 +78,7 @@ class Together(Generic[T]):
         except StopIteration as end:
             self._ended.append((number, end.value))
         except NmcError as error:
-            self._ended.append((number, error))
+            self._fail(number, error)
 
     def finish_one(self) -> tuple[int, T]:
         """Let time pass until a talk has ended; its bus and value. Raises NmcError where a talk does."""
@@ -105,9 +105,8 @@ class Together(Generic[T]):
                     del self._open[number]
                     self._ended.append((number, end.value))
                 except NmcError as error:
-                    del self._open[number]
-                    talk.talk.close()
-                    self._ended.append((number, error))
+                    self._drop(number)
+                    self._fail(number, error)
                 except BaseException:
                     del self._open[number]
                     raise
@@ -144,6 +143,10 @@ class Together(Generic[T]):
                     self._drop(number)
             if self._open:
                 self._wait()
+
+    def _fail(self, number: int, error: NmcError) -> None:
+        error.bus = self._buses[number].name
+        self._ended.append((number, error))
 
     def _drop(self, number: int) -> None:
         self._open.pop(number).talk.close()
