@@ -10,11 +10,8 @@ import math
 
 from gcode.arcgeometry import Point, distance, swept
 from gcode.block import Block
-from gcode.compensatedarcs import arc_move
-from gcode.compensation import active
 from gcode.emit import PLANE_AXES
 from gcode.errors import GcodeError
-from gcode.local import localize_arc
 from gcode.machine import Machine
 from gcode.motion import INVERSE_TIME, check_feed, find_end, programmed_position, set_inverse_time
 
@@ -46,10 +43,12 @@ def arc(machine: Machine, block: Block, motion: int) -> None:
     end = find_end(machine, block)
     state.motion = motion
     if machine.local is not None:
+        from gcode.local import localize_arc
+
         letters = CENTER_LETTERS[state.plane][:2]
         block, motion = localize_arc(machine.local, block, motion, letters, absolute=state.ijk_absolute)
     first, second, third = PLANE_AXES[state.plane]
-    compensation = active(machine)
+    compensation = machine.active_compensation()
     here = programmed_position(machine)
     start: Point = (here[first], here[second])
     stop: Point = (end[first], end[second])
@@ -66,6 +65,8 @@ def arc(machine: Machine, block: Block, motion: int) -> None:
     if compensation is not None:
         if state.plane == 190:
             raise GcodeError("GC093", f"{name} in the YZ plane under compensation", "use G17 or G18", "motion")
+        from gcode.compensatedarcs import arc_move
+
         arc_move(machine, compensation, end, center, turns, start)
         return
     machine.emit.arc(end, center, turns)

@@ -41,12 +41,9 @@ class Compensation:
     programmed: list[float] | None = None
 
 
-def set_compensation(machine: Machine, block: Block) -> None:
-    """G40 to G42.1."""
+def switch_on(machine: Machine, block: Block) -> None:
+    """G41 to G42.1."""
     code = block.g[COMPENSATION]
-    if code == 400:
-        switch_off(machine)
-        return
     state = machine.state
     name = g_name(code)
     if state.plane not in {170, 180}:
@@ -90,20 +87,6 @@ def _radius(machine: Machine, block: Block, code: int) -> tuple[float, int]:
     return state.from_machine_units(tool.diameter, 0) / 2.0, tool.orientation
 
 
-def switch_off(machine: Machine) -> None:
-    """G40: the last held move ends where it was meant to; the next move leads away from the part."""
-    state = machine.state
-    compensation = machine.compensation
-    if compensation is not None:
-        flush(machine)
-        if compensation.radius > 0.0 and not compensation.first and compensation.programmed is not None:
-            state.position = compensation.programmed
-            machine.arc_forbidden = True
-    machine.compensation = None
-    state.compensation = 400
-    machine.emit.comment("interpreter: cutter radius compensation off")
-
-
 def flush(machine: Machine) -> None:
     """Emits what is held, ending at the present compensated point."""
     compensation = machine.compensation
@@ -111,12 +94,6 @@ def flush(machine: Machine) -> None:
         first, second, _ = compensation.queue.axes
         here = (machine.state.position[first], machine.state.position[second])
         compensation.queue.end_at(here, machine.emit.line)
-
-
-def active(machine: Machine) -> Compensation | None:
-    """The compensation that moves must obey: on, and with a radius."""
-    compensation = machine.compensation
-    return compensation if compensation is not None and compensation.radius > 0.0 else None
 
 
 def straight_move(machine: Machine, block: Block, compensation: Compensation, motion: int, end: list[float]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcode import auxiliary, comments, g10, modes, offsets, reference, saved, stops, toolsteps, usercommands
+from gcode import auxiliary, comments, modes, offsets, ondemand, stops, toolsteps
 from gcode.arcs import arc
 from gcode.block import Block
 from gcode.canon import Dwell
@@ -20,6 +20,7 @@ from gcode.codes import (
     CONTROL,
     COOLANT,
     COORDINATES,
+    CYCLES,
     DISTANCE,
     FEED_MODE,
     G92_APPLIED,
@@ -40,16 +41,9 @@ from gcode.codes import (
     UNITS,
     USER,
 )
-from gcode.compensation import set_compensation
-from gcode.cycles import CYCLES, canned_cycle
 from gcode.errors import GcodeError
-from gcode.foreign import act, adapt
-from gcode.lathecycles import lathe_cycle
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
-from gcode.probing import probe
-from gcode.splines import nurbs_end, nurbs_point, spline
-from gcode.threading import synchronised, threading_cycle
 
 Step = Callable[[Machine, Block], None]
 
@@ -85,14 +79,14 @@ def no_step(_machine: Machine, _block: Block) -> None:
 MODAL_0_STEPS: dict[int, Step] = {
     40: no_step,
     530: no_step,
-    280: reference.go_to_reference,
-    300: reference.go_to_reference,
-    281: reference.store_reference,
-    301: reference.store_reference,
+    280: ondemand.go_to_reference,
+    300: ondemand.go_to_reference,
+    281: ondemand.store_reference,
+    301: ondemand.store_reference,
     920: offsets.set_axis_offset,
     520: offsets.set_axis_offset,
-    100: g10.set_data,
-    53: nurbs_end,
+    100: ondemand.set_data,
+    53: ondemand.nurbs_end,
 }
 
 
@@ -107,19 +101,19 @@ MOTIONS: dict[int, Callable[[Machine, Block, int], None]] = {
     10: straight,
     20: arc,
     30: arc,
-    50: spline,
-    51: spline,
-    52: lambda machine, block, _motion: nurbs_point(machine, block),
-    330: synchronised,
-    331: synchronised,
-    382: probe,
-    383: probe,
-    384: probe,
-    385: probe,
-    760: lambda machine, block, _motion: threading_cycle(machine, block),
+    50: ondemand.spline,
+    51: ondemand.spline,
+    52: ondemand.nurbs_point,
+    330: ondemand.synchronised,
+    331: ondemand.synchronised,
+    382: ondemand.probe,
+    383: ondemand.probe,
+    384: ondemand.probe,
+    385: ondemand.probe,
+    760: ondemand.threading_cycle,
     NO_MOTION: motion_off,
-    **dict.fromkeys(CYCLES, canned_cycle),
-    **dict.fromkeys(LATHE_PROFILES, lathe_cycle),
+    **dict.fromkeys(CYCLES, ondemand.canned_cycle),
+    **dict.fromkeys(LATHE_PROFILES, ondemand.lathe_cycle),
 }
 
 
@@ -135,7 +129,7 @@ def motion(machine: Machine, block: Block) -> None:
 def spindle(machine: Machine, block: Block) -> None:
     """M3, M4, M5 and M19; M70 to M73 share their group."""
     if block.m[SPINDLE] >= 70:
-        saved.saved_state(machine, block)
+        ondemand.saved_state(machine, block)
     else:
         auxiliary.turn_spindle(machine, block)
 
@@ -152,12 +146,12 @@ ORDER: tuple[Stage, ...] = (
     Stage("m", SPINDLE, spindle),
     Stage("m", COOLANT, auxiliary.set_coolant),
     Stage("m", OVERRIDE, auxiliary.set_override),
-    Stage("m", USER, usercommands.user_command),
+    Stage("m", USER, ondemand.user_command),
     Stage("g", MODAL_0, dwell),
     Stage("g", PLANE, modes.set_plane),
     Stage("g", UNITS, modes.set_units),
     Stage("g", LATHE_DIAMETER, modes.set_lathe_diameter),
-    Stage("g", COMPENSATION, set_compensation),
+    Stage("g", COMPENSATION, modes.set_compensation),
     Stage("g", TOOL_LENGTH, toolsteps.set_tool_length),
     Stage("g", COORDINATES, offsets.set_coordinate_system),
     Stage("g", CONTROL, modes.set_control),
@@ -179,6 +173,8 @@ def execute(machine: Machine, block: Block) -> None:
         block.words["x"] *= 0.5
     lenient = machine.dialect.lenient
     if lenient:
+        from gcode.foreign import act, adapt
+
         adapt(machine, block)
         act(machine, block)
     choose_motion(block, state.motion, state.plane)

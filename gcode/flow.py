@@ -13,10 +13,8 @@ from gcode.errors import GcodeError
 from gcode.expressions import Value, evaluate, whole
 from gcode.library import Library
 from gcode.machine import Context, Machine
-from gcode.macrob import ARGUMENTS, LOCALS
-from gcode.parameters import LOCAL_COUNT
+from gcode.parameters import LOCAL_COUNT, MACRO_LOCALS
 from gcode.program import Program
-from gcode.saved import SavedModes, restore_modes
 
 MAX_CALLS = 50
 """Deepest nesting of calls (LinuxCNC: 10)."""
@@ -75,7 +73,7 @@ class Flow:
             )
         program, start = self._find_sequence(name) if style == "m97" else self._find(name)
         values = self.machine.parameters.values
-        count = {"call": LOCAL_COUNT, "g65": LOCALS}.get(style, 0)
+        count = {"call": LOCAL_COUNT, "g65": MACRO_LOCALS}.get(style, 0)
         saved = {number: values[number] for number in range(1, count + 1) if number in values}
         call = Call(self.program, self.index, name, style, self.index, saved, self.repeats, turns - 1, start)
         self.calls.append(call)
@@ -117,7 +115,7 @@ class Flow:
             return
         self.calls.pop()
         parameters.frames.pop()
-        count = {"call": LOCAL_COUNT, "g65": LOCALS}.get(call.style, 0)
+        count = {"call": LOCAL_COUNT, "g65": MACRO_LOCALS}.get(call.style, 0)
         for number in range(1, count + 1):
             parameters.values.pop(number, None)
         parameters.values.update(call.locals)
@@ -125,8 +123,11 @@ class Flow:
         if call.style == "call":
             parameters.returned = value
         context = self.machine.contexts.pop()
-        if context.restore and isinstance(context.modes, SavedModes):
-            restore_modes(self.machine, context.modes)
+        if context.restore:
+            from gcode.saved import SavedModes, restore_modes
+
+            if isinstance(context.modes, SavedModes):
+                restore_modes(self.machine, context.modes)
 
     def m98(self, block: Block) -> None:
         """M98 P (subprogram) L (times)."""
@@ -149,6 +150,8 @@ class Flow:
         """G65 P (program) L (times) and arguments by letter."""
         if "p" not in words:
             raise GcodeError("GC025", "G65 without P", "P is the number of the macro program", "g")
+        from gcode.macrob import ARGUMENTS
+
         turns = int(words.get("l", 1.0))
         arguments = {ARGUMENTS[letter]: value for letter, value in words.items() if letter in ARGUMENTS}
         if turns > 0:

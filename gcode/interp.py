@@ -9,7 +9,6 @@ from pathlib import Path
 
 from gcode.canon import Command, MoveBlock
 from gcode.errors import Diagnostic
-from gcode.expand import expanded
 from gcode.run import Run
 from gcode.setup import Setup
 from gcode.synch import Assumptions
@@ -32,6 +31,8 @@ class Interpretation:
     @cached_property
     def commands(self) -> list[Command]:
         """The commands before the first error, blocks taken apart."""
+        from gcode.expand import expanded
+
         return list(expanded(self.stream))
 
     @property

@@ -102,6 +102,11 @@ class Machine:
             raise GcodeError("GC060", f"tool {number} is not in the tool table", f"the table has {known}", at)
         return tool
 
+    def active_compensation(self) -> Any:
+        """The compensation that moves must obey (on, and with a radius), or None."""
+        compensation = self.compensation
+        return compensation if compensation is not None and compensation.radius > 0.0 else None
+
     def warn(self, code: str, message: str, hint: str, at: str | None = None) -> None:
         """Notes something legal and suspicious about the line being executed."""
         self.warnings.append(GcodeError(code, message, hint, at))

@@ -18,8 +18,6 @@ ARGUMENTS = {
 }
 """Letters of a macro call and the local parameters they fill (argument specification I)."""
 
-LOCALS = 33
-
 
 def macro_statement(text: str, number: int) -> Line | None:
     """The Macro B statement on a line, or None. Raises ``GcodeError``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gcode.block import Block
 from gcode.canon import PathControl
 from gcode.codes import (
+    COMPENSATION,
     CONTROL,
     DISTANCE,
     FEED_MODE,
@@ -16,6 +17,7 @@ from gcode.codes import (
 )
 from gcode.errors import GcodeError
 from gcode.machine import Machine
+from gcode.ondemand import flush, switch_on_compensation
 
 PLANE_TEXT = {170: "XY", 180: "XZ", 190: "YZ", 171: "UNKNOWN", 181: "UNKNOWN", 191: "UNKNOWN"}
 FEED_MODE_TEXT = {930: "inverse time", 940: "units per minute", 950: "units per revolution"}
@@ -88,6 +90,28 @@ def set_retract(machine: Machine, block: Block) -> None:
     code = block.g[RETRACT]
     machine.state.retract = code
     machine.emit.comment(f"interpreter: retract mode set to {'old_z' if code == 980 else 'r_plane'}")
+
+
+def set_compensation(machine: Machine, block: Block) -> None:
+    """G40 to G42.1."""
+    if block.g[COMPENSATION] == 400:
+        switch_off_compensation(machine)
+    else:
+        switch_on_compensation(machine, block)
+
+
+def switch_off_compensation(machine: Machine) -> None:
+    """G40: the last held move ends where it was meant to; the next move leads away from the part."""
+    state = machine.state
+    compensation = machine.compensation
+    if compensation is not None:
+        flush(machine)
+        if compensation.radius > 0.0 and not compensation.first and compensation.programmed is not None:
+            state.position = compensation.programmed
+            machine.arc_forbidden = True
+    machine.compensation = None
+    state.compensation = 400
+    machine.emit.comment("interpreter: cutter radius compensation off")
 
 
 def set_control(machine: Machine, block: Block) -> None:

@@ -6,7 +6,6 @@ import math
 
 from gcode.block import Block
 from gcode.codes import MODAL_0, g_name
-from gcode.compensation import active, straight_move
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.state import AXIS_INDEX, State
@@ -112,8 +111,10 @@ def straight(machine: Machine, block: Block, motion: int) -> None:
     if motion == 10 and state.feed_mode == INVERSE_TIME:
         set_inverse_time(machine, block, straight_length(programmed_position(machine), end))
     machine.arc_forbidden = False
-    compensation = active(machine)
+    compensation = machine.active_compensation()
     if compensation is not None:
+        from gcode.compensation import straight_move
+
         straight_move(machine, block, compensation, motion, end)
         return
     if motion == 0:

@@ -17,7 +17,8 @@ from gcode.expressions import MAX_PARAMETER
 from gcode.state import State
 
 READ_ONLY = frozenset((*range(5021, 5030), *range(5400, 5414), *range(5420, 5429)))
-LOCAL_COUNT = 30
+LOCAL_COUNT, MACRO_LOCALS = 30, 33
+"""Numbered parameters that belong to a call: of an O-word subprogram, of a macro."""
 
 
 class Parameters:

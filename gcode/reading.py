@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from gcode.block import Line
 from gcode.dialects import Dialect
 from gcode.errors import GcodeError
-from gcode.macrob import macro_statement
 from gcode.scanner import MAX_LINE, scan_line
 
 _CHECKSUM = re.compile(r"\*\s*(\d{1,3})\s*$")
@@ -61,6 +60,8 @@ def _lenient(text: str, stripped: str, number: int, dialect: Dialect) -> Read:
         _check_sum(text, checked)
         text = text[: checked.start()]
     if dialect.macro_b:
+        from gcode.macrob import macro_statement
+
         statement = macro_statement(text, number)
         if statement is not None:
             return Read(statement, tuple(warnings))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from gcode.errors import Diagnostic, GcodeError
 from gcode.flow import Flow
 from gcode.machine import Machine
-from gcode.places import place
 from gcode.setup import Setup
 
 ONCE = frozenset({"GC040", "GC202", "GC203", "GC204", "GC205", "GC206", "GC208", "GC216"})
@@ -57,6 +56,8 @@ class Reports:
         self._note(error, file, number, text, severity)
 
     def _note(self, error: GcodeError, file: str, number: int, text: str, severity: str) -> None:
+        from gcode.places import place
+
         found = place(error, file, number, text, severity, self.flow.call_stack())
         key = (found.file, str(found.line), str(found.column), found.code)
         if key not in self._reported:

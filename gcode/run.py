@@ -14,18 +14,16 @@ from gcode.assign import assign
 from gcode.block import AXIS_LETTERS, Block, Line
 from gcode.bounds import begin, end_by_percent, missing_percent, over
 from gcode.canon import Command, MoveBlock, Position
-from gcode.compensation import flush
 from gcode.dialects import DIALECTS, guess
 from gcode.errors import GcodeError
 from gcode.execute import execute
-from gcode.expand import expanded
 from gcode.flow import Flow, is_call
 from gcode.foreigngroups import MACRO
 from gcode.library import Library
 from gcode.machine import Machine
 from gcode.named import ini_value, install
+from gcode.ondemand import flush
 from gcode.program import Construct, Program, has_percent
-from gcode.recovery import meant, recover
 from gcode.reports import Reports
 from gcode.resolve import resolve
 from gcode.scanner import scan_line
@@ -124,6 +122,8 @@ class Run(Reports):
 
     def commands(self, assumptions: Assumptions | None = None) -> Iterator[Command]:
         """As ``stream``, blocks taken apart."""
+        from gcode.expand import expanded
+
         return expanded(self.stream(assumptions))
 
     def _streamed(self) -> Generator[Event, Answer | None, None]:
@@ -293,6 +293,8 @@ class Run(Reports):
         try:
             execute(machine, block)
         except GcodeError:
+            from gcode.recovery import recover
+
             machine.emit.take()
             machine.emit.held = None
             machine.compensation = None
@@ -373,6 +375,8 @@ class Run(Reports):
         self.machine.emit.take()
         if block is not None:
             return
+        from gcode.recovery import meant, recover
+
         guess_ = meant(self.machine, text, number, error)
         self._uncertain |= recover(self.machine, guess_, text)
         if guess_ is None and "f" in text.lower():

@@ -5,9 +5,9 @@ from __future__ import annotations
 from gcode.block import Block
 from gcode.canon import End, Stop
 from gcode.codes import STOPPING
-from gcode.compensation import flush
 from gcode.machine import Machine
 from gcode.offsets import emit_origin, emit_rotation
+from gcode.ondemand import flush
 
 
 def stop(machine: Machine, block: Block) -> None:
