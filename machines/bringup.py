@@ -78,7 +78,7 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
         simulation = build(bus_specs(config), config.sim.seed if seed is None else seed)
         links = simulation.links[: len(nmc_buses(config))]
         chips = simulated_indexers(config, simulation)
-        return Connection(config, links, [Bus(link) for link in links], simulation, indexers=chips)
+        return Connection(config, links, _buses(config, links), simulation, indexers=chips)
     names = [bus.port for bus in nmc_buses(config).values()]
     if port is not None:
         if len(config.bus) != 1:
@@ -95,7 +95,13 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
         for link in opened:
             link.close()
         raise
-    return Connection(config, opened, [Bus(link) for link in opened], None, indexers=chips)
+    return Connection(config, opened, _buses(config, opened), None, indexers=chips)
+
+
+def _buses(config: MachineConfig, links: Sequence[Link]) -> list[Bus]:
+    """One bus needs no name in errors, several do."""
+    names = list(nmc_buses(config))
+    return [Bus(link, name=name if len(names) > 1 else "") for name, link in zip(names, links, strict=True)]
 
 
 def _port(name: str, table: BusTable) -> Link:
