@@ -7,26 +7,32 @@ parked, its amplifier on and its counter at zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from machines.cy545_lines import open_ports, simulated_indexers
+from machines.gains import gains_of
+from machines.outputs_events import Rig
+from machines.outputs_hook import ready_rig, switch_off, switches_of
+from machines.outputs_rules import SPINDLE
 from machines.schema import BusTable, MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
 from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
 from nmc.bus import Bus
-from nmc.chips import picio, picstep
+from nmc.chips import picservo, picstep
 from nmc.cy545 import Cy545
-from nmc.executor import PARKED_GROUP, STREAMING_GROUP, stop_together
+from nmc.errors import NmcError
+from nmc.executor import PARKED_GROUP, STREAMING_GROUP, has_motor, stop_together
 from nmc.link import Link
-from nmc.picservo import Gains, PicServo
+from nmc.picservo import PicServo
 from nmc.picstep import PicStep
 from nmc.recording_link import RecordingLink
 from nmc.setup import ModuleExpectation, ModuleInfo, set_group, start_up
 from sim.build import Simulation, build
 
 if TYPE_CHECKING:
+    from nmc.watchdog import Switch
     from nmc.watchdog_process import SupervisedLink
 
 SIM = "sim"
@@ -49,6 +55,8 @@ class Connection:
     simulation: Simulation | None
     modules: dict[str, list[ModuleInfo]] = field(default_factory=dict)
     indexers: dict[str, Cy545] = field(default_factory=dict)
+    rig: Rig | None = None
+    """Spindle, coolant and outputs, once the buses are up."""
 
     def records(self) -> dict[str, list[str]]:
         """Bytes of real ports as text by bus; a simulated bus keeps its bytes in the trace."""
@@ -57,7 +65,10 @@ class Connection:
         return {name: list(link.lines()) for name, link in links.items() if isinstance(link, RecordingLink)}
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Switch off what still runs beside the axes, and give the ports back."""
+        if self.rig is not None and self.rig.running:
+            with suppress(NmcError):
+                switch_off(self.rig, self.buses)
         for link in (*self.links, *(indexer.link for indexer in self.indexers.values())):
             link.close()
 
@@ -132,20 +143,22 @@ def bring_up(connection: Connection) -> bool:
         _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
     for indexer in connection.indexers.values():
         kept = indexer.start_up(kept) and kept
-    for (name, table), link in zip(nmc_buses(config).items(), connection.links, strict=True):
-        _watch(link, connection.modules[name], table)
+    connection.rig = ready_rig(config, connection.buses, connection.simulation is not None)
+    for number, (table, bus) in enumerate(zip(nmc_buses(config).values(), connection.buses, strict=True)):
+        _watch(connection.links[number], bus, table, switches_of(connection.rig, number))
     return kept
 
 
-def _watch(link: Link, modules: Sequence[ModuleInfo], table: BusTable) -> None:
-    """Tell the watchdog of a port what it must stop if this program dies."""
+def _watch(link: Link, bus: Bus, table: BusTable, switches: Sequence[Switch]) -> None:
+    """Tell the watchdog of a port what it must stop and switch off if this program dies."""
     from nmc.watchdog import Ward
 
     supervised = _supervised(link)
     if supervised is not None:
-        wards = [Ward(module.address, module.chip) for module in modules if module.chip != picio.FACTS.name]
+        wards = [Ward(each.address, each.facts.name) for each in bus.guard.modules.values() if has_motor(each)]
         timeout_ns = round(table.watchdog_ms * NS_PER_MS)
-        supervised.watch(wards, (STREAMING_GROUP, PARKED_GROUP), baud=table.baud, timeout_ns=timeout_ns)
+        groups = (STREAMING_GROUP, PARKED_GROUP)
+        supervised.watch(wards, groups, baud=table.baud, timeout_ns=timeout_ns, switches=switches)
 
 
 def _supervised(link: Link) -> SupervisedLink | None:
@@ -191,20 +204,7 @@ def _ready_stepper(stepper: PicStep, table: StepMotorTable, mode: str, kept: boo
 
 def _ready_servo(servo: PicServo, table: ServoMotorTable, kept: bool) -> None:
     """Gains first, then the position servo: with zero gains an amplifier that is on holds nothing."""
-    chosen = table.servo
-    servo.set_gain(
-        Gains(
-            position_gain=chosen.kp,
-            velocity_gain=chosen.kd,
-            integral_gain=chosen.ki,
-            integration_limit=chosen.integration_limit,
-            output_limit=chosen.output_limit,
-            current_limit=chosen.current_limit,
-            position_error_limit=chosen.position_error_limit,
-            servo_rate_divisor=chosen.servo_rate_divisor,
-            deadband=chosen.deadband,
-        )
-    )
+    servo.set_gain(gains_of(table))
     if not kept:
         servo.stop_motor("abruptly")
     servo.clear_sticky_bits()
@@ -223,8 +223,8 @@ def park(connection: Connection) -> None:
         if isinstance(driver, PicStep):
             driver.stop_motor("abruptly")
     for bus in connection.buses:
-        addresses = sorted(bus.guard.modules)
-        leads = next((each for each in addresses if bus.guard.modules[each].facts.name != picio.FACTS.name), None)
+        addresses = sorted(address for address, module in bus.guard.modules.items() if module.moves_axis)
+        leads = next(iter(addresses), None)
         for address in addresses:
             module = bus.guard.modules[address]
             if module.group != PARKED_GROUP or module.leader != (address == leads):
@@ -256,7 +256,11 @@ def expectations(config: MachineConfig, bus: str) -> list[ModuleExpectation]:
     for section in (config.axis, config.motor, config.module):
         for name, table in section.items():
             if table.chip != "cy545" and table.bus == bus:
-                found[table.address] = ModuleExpectation(chip=table.chip, name=name)
+                moves = section is not config.module
+                found[table.address] = ModuleExpectation(chip=table.chip, name=name, moves=moves)
+    spindle = config.spindle
+    if spindle is not None and spindle.bus == bus and spindle.address is not None:
+        found[spindle.address] = ModuleExpectation(chip=picservo.FACTS.name, name=SPINDLE, moves=False)
     return [expectation for _, expectation in sorted(found.items())]
 
 
@@ -280,9 +284,13 @@ def stop_everything(connection: Connection) -> int:
     """Stop every motor of every bus at once; returns the rounds it took. Raises NmcError if one cannot be stopped."""
     for indexer in connection.indexers.values():
         indexer.begin_stop()
-    rounds = stop_together(connection.buses)
-    for indexer in connection.indexers.values():
-        indexer.finish_stop()
+    try:
+        rounds = stop_together(connection.buses)
+        for indexer in connection.indexers.values():
+            indexer.finish_stop()
+    finally:
+        if connection.rig is not None:  # the motion first; but whatever becomes of it, the spindle has to go off
+            switch_off(connection.rig, connection.buses)
     return rounds
 
 

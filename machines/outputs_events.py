@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,10 @@ class Due:
     bus: int
 
 
+def _nothing(*_told: Any, **_more: Any) -> None:
+    return None
+
+
 @dataclass(slots=True)
 class Rig:
     """All that a machine has beside its axes, as one session keeps it. ``said``: of the present run."""
@@ -65,10 +70,27 @@ class Rig:
     drive: SpindleDrive | None
     watch: SpindleWatch | None
     timings: Sequence[BusTiming]
-    tell: Callable[..., None]
+    tell: Callable[..., None] = _nothing
+    """Told of what was said and of what the spindle does: ``tell(event, time_ns, **fields)``."""
     wanted: dict[str, float] = field(default_factory=dict)
     """What every pin will stand at when all that is known has been said."""
     said: list[Switched] = field(default_factory=list)
+
+    def notify(self, event: str, time_ns: int, **fields: Any) -> None:
+        """Tell whoever is told at present."""
+        self.tell(event, time_ns, **fields)
+
+    @property
+    def buses(self) -> set[int]:
+        """Buses on which something is said."""
+        pins = [*self.panel.switches.values(), *(value.pin for value in self.panel.values.values())]
+        return {pin.bus for pin in pins} | ({self.drive.bus} if self.drive is not None else set())
+
+    @property
+    def running(self) -> bool:
+        """Whether the spindle has power or a coolant flows."""
+        turns = self.drive is not None and self.drive.turning
+        return turns or any(self.panel.levels.get(name) for name in ("flood", "mist"))
 
     @property
     def anything(self) -> bool:
@@ -81,8 +103,8 @@ class Rig:
         return timing.command_ns(data_bytes) + timing.jitter_max_ns // 2 + ACTS_NS[chip]
 
 
-def rig_of(config: MachineConfig, simulated: bool, tell: Callable[..., None]) -> Rig:
-    """The rig of a machine. tell: is told of what the spindle does."""
+def rig_of(config: MachineConfig, simulated: bool) -> Rig:
+    """The rig of a machine."""
     panel = panel_of(config)
     timings = [bus_timing(config, number, simulated) for number in range(len(nmc_buses(config)))]
     drive = None
@@ -90,7 +112,10 @@ def rig_of(config: MachineConfig, simulated: bool, tell: Callable[..., None]) ->
     if table is not None:
         bus = panel.switches["spindle on"].bus if table.bus is None else list(nmc_buses(config)).index(table.bus)
         drive = SpindleDrive(table, panel, bus, timings[bus])
-    return Rig(panel, drive, SpindleWatch(drive, tell) if drive is not None else None, timings, tell)
+    rig = Rig(panel, drive, None, timings)
+    if drive is not None:
+        rig.watch = SpindleWatch(drive, rig.notify)
+    return rig
 
 
 class Timetable:

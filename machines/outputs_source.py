@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from machines.outputs_events import LOAD_BYTES, Due, Rig, Switched, Timetable
 from machines.spindle import wanted_rpm
-from nmc.chips.common import NOP, START_MOTION
+from nmc.chips.common import START_MOTION
 from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.types import Trajectory
 
@@ -34,8 +34,8 @@ POSITION_BYTES = 4
 class OutputsSource:
     """Wraps the stream of one bus, or of all: an ``nmc.program.ExchangeSource``.
 
-    start_ns: link time of t = 0 of the trajectory, asked anew each time. poll: address of a module of ``bus`` to ask.
-    only: whether outputs of other buses are somebody else's to say. closes: the program ends with this trajectory, and
+    start_ns: link time of t = 0 of the trajectory, asked anew each time. poll: asks a module of the stream's bus how it
+    is. only: outputs of other buses are somebody else's to say. closes: the program ends with this trajectory, and
     spindle and coolant go off behind it.
     """
 
@@ -46,8 +46,7 @@ class OutputsSource:
         rig: Rig,
         start_ns: Callable[[], int],
         *,
-        poll: int,
-        bus: int,
+        poll: Exchange,
         only: bool = False,
         closes: bool = True,
     ) -> None:
@@ -55,7 +54,7 @@ class OutputsSource:
         self._inner = inner
         self._rig = rig
         self._start_ns = start_ns
-        self._bus = bus
+        self._bus = poll.bus
         self._only = only
         self._closes = closes
         self._poll = poll
@@ -67,7 +66,7 @@ class OutputsSource:
         self._recalled = False
         self._followed_ns = 0
         self._line = 0
-        timing = rig.timings[bus]
+        timing = rig.timings[poll.bus]
         self._room_ns = timing.worst_ns(LOAD_BYTES, POSITION_BYTES)
         self._half_ns = timing.mean_exchange_ns(LOAD_BYTES) // 2
 
@@ -184,8 +183,8 @@ class OutputsSource:
             self._closed = True
             self._queue += [each for each in self._closing(now_ns) if self._mine_to_say(each.bus)]
             return self._afterwards(now_ns)
-        idle = Exchange(self._poll, NOP, bus=self._bus)
-        return self._say(Due(IDLE, 0.0, lambda: now_ns, 0, lambda: idle, self._line, self._bus), now_ns + IDLE_NS)
+        idle = Due(IDLE, 0.0, lambda: now_ns, 0, lambda: self._poll, self._line, self._bus)
+        return self._say(idle, now_ns + IDLE_NS)
 
     def _closing(self, now_ns: int) -> list[Due]:
         timetable, drive = self.timetable, self._rig.drive

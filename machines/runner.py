@@ -130,7 +130,9 @@ def _run_parts(
         )
 
     whole = retimable(plan)
-    parts = [] if session.simulation is not None else list(parts_of(plan.trajectory))
+    parts = (
+        [] if session.simulation is not None else list(parts_of(plan.trajectory, session.config.spindle is not None))
+    )
     if len(parts) < 2 and not any(part.waits for part in parts):
         outcome = run(whole, progress)
         if outcome.retimed and outcome.finished and isinstance(whole, RetimablePlan):

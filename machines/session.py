@@ -125,6 +125,8 @@ class Session:
         try:
             self._connection = bringup.connect(self.config, self._port, self._seed)
             kept = bringup.bring_up(self._connection)
+            if self._connection.rig is not None:
+                self._connection.rig.tell = self.note
         except (NmcError, ValueError) as error:
             self._change(State.FAULTED)
             raise SessionError(f"the machine does not start: {error}") from error

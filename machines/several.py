@@ -6,13 +6,15 @@ from collections.abc import Callable, Generator, Mapping
 
 from machines.bringup import Connection
 from machines.governor import Advice, Governor
+from machines.outputs_hook import Planned, lanes_with_outputs, with_outputs
 from machines.patience import PatientSource
 from machines.profiles import choose_profile, profile_of_bus
 from machines.schema import MachineConfig
 from machines.wiring import bus_timing, motors, nmc_buses
 from nmc.budget import BusTiming
+from nmc.chips.common import NOP
 from nmc.executor import play, play_together
-from nmc.program import Evidence, ExchangeSource
+from nmc.program import Evidence, Exchange
 from planner.stream_buses import BusStreams, lead_in_of_buses_ns, make_sources
 from planner.types import Trajectory
 
@@ -43,16 +45,25 @@ def bus_streams(connection: Connection, trajectory: Trajectory, profile: str, no
 
 
 def played(
-    source: ExchangeSource | BusStreams, connection: Connection
+    source: Planned | BusStreams, connection: Connection
 ) -> tuple[Generator[Evidence, None, None], Callable[[], None]]:
     """The evidence of a run as it comes, on one bus or on all; and what takes back a Start that waits to be sent.
 
     Close the iterator before the motors are stopped: until then commands may be in flight.
     """
+    polls = {bus: Exchange(1, NOP, bus=bus) for bus in range(len(connection.buses))}
     if isinstance(source, BusStreams):
-        return play_together(connection.buses, source.lanes), source.recall
-    patient = PatientSource(source, motors(connection.config)[0].address)
-    return play(connection.buses, patient), patient.recall
+        lanes, recall = lanes_with_outputs(source, connection.rig, polls)
+        return play_together(connection.buses, lanes), recall
+    first = motors(connection.config)[0]
+    patient = PatientSource(source, first.address)
+    wrapped = with_outputs(patient, connection.rig, source, polls[first.bus])
+
+    def recall_both() -> None:
+        patient.recall()
+        wrapped.recall()
+
+    return play(connection.buses, wrapped.source), recall_both
 
 
 class BusGovernors(Governor):

@@ -17,6 +17,7 @@ from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.stream import Progress, StreamCounts
 from planner.stream_buses import BusStreams
+from planner.types import Trajectory
 
 PROGRESS_EVERY_NS = 100_000_000
 
@@ -25,6 +26,7 @@ class RunSource(ExchangeSource, Protocol):
     """A stream that tells where it is."""
 
     plan_start_ns: int
+    trajectory: Trajectory
 
     def progress(self) -> Progress:
         """Where the plan stands."""

@@ -37,8 +37,9 @@ def found_ready(bus: Bus, expected: Sequence[ModuleExpectation], baud: int) -> b
 def take_over(bus: Bus, expected: Sequence[ModuleExpectation]) -> list[ModuleInfo]:
     """Guard the modules of a network that ``found_ready`` has found, and park them all."""
     found = [_identity(bus, address) for address in range(1, len(expected) + 1)]
-    for info in found:
+    for info, module in zip(found, expected, strict=True):
         bus.guard.enrol(make_tracker(info))
+        bus.guard.modules[info.address].moves_axis = module.moves
     assign_groups(bus, expected)
     return found
 
@@ -53,5 +54,5 @@ def _identity(bus: Bus, address: int) -> ModuleInfo:
 
 def _is_ready(bus: Bus, address: int, module: ModuleExpectation) -> bool:
     found = _identity(bus, address)
-    clear, needed = _READY.get(found.chip, (0, 0))
+    clear, needed = _READY.get(found.chip, (0, 0)) if module.moves else (0, 0)
     return found.chip == module.chip and not found.status & clear and found.status & needed == needed

@@ -6,13 +6,17 @@ the file does not say, except the speed mode of a PIC-STEP that is left to ``aut
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gcode.canon import AXES
 from machines.cy545 import cy545_tables, indexer_of, line_names, line_specs
+from machines.outputs_rules import SPINDLE
 from machines.schema import BusTable, MachineConfig, PlantTable, ServoMotorTable, SimMotor, StepMotorTable
 from machines.travel import Travel
 from nmc.budget import BusTiming
+from nmc.chips.picservo import COUNTS_PER_LINE
 from planner.cy545 import Indexer
 from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import speed_mode_for
@@ -139,12 +143,8 @@ def bus_specs(config: MachineConfig) -> list[BusSpec | Cy545Port]:
         modules[step.bus][step.address] = _step_module(config, name, step)
     for name, (_, servo) in servo_tables(config).items():
         modules[servo.bus][servo.address] = _servo_module(config, name, servo)
-    for name, other in config.module.items():
-        modules[other.bus][other.address] = IoModule(
-            name=name,
-            crystal_ppm_max=config.sim.crystal_ppm,
-            reply_delay_max_ns=round(config.sim.reply_delay_ms * NS_PER_MS),
-        )
+    for bus_name, address, module in other_modules(config):
+        modules[bus_name][address] = module
     buses = [
         BusSpec(
             name=bus,
@@ -158,6 +158,25 @@ def bus_specs(config: MachineConfig) -> list[BusSpec | Cy545Port]:
         for name, table in cy545_tables(config).items()
     }
     return [*buses, *line_specs(config, switches)]
+
+
+def other_modules(config: MachineConfig) -> Iterator[tuple[str, int, Module]]:
+    """Simulated modules that move no axis, each with bus and address: those of the file, and the spindle's."""
+    ppm = config.sim.crystal_ppm
+    for name, table in config.module.items():
+        if table.chip == "pic-servo":
+            yield table.bus, table.address, ServoModule(name=name, crystal_ppm_max=ppm, trace_every=0, moves=False)
+            continue
+        reply_ns = round(config.sim.reply_delay_ms * NS_PER_MS)
+        yield table.bus, table.address, IoModule(name=name, crystal_ppm_max=ppm, reply_delay_max_ns=reply_ns)
+    spindle = config.spindle
+    if spindle is None or spindle.bus is None or spindle.address is None:
+        return
+    plant = config.sim.spindle
+    if spindle.counts_per_rev is not None:
+        plant = plant.model_copy(update={"lines_per_rev": max(round(spindle.counts_per_rev / COUNTS_PER_LINE), 1)})
+    servo = ServoModule(name=SPINDLE, crystal_ppm_max=ppm, plant=_plant(plant, 1.0), trace_every=0, moves=False)
+    yield spindle.bus, spindle.address, servo
 
 
 def _step_module(config: MachineConfig, name: str, table: StepMotorTable) -> StepModule:

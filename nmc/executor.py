@@ -107,7 +107,7 @@ def stop_together(buses: Sequence[Bus], *, amplifier: bool = True, rounds: int =
 def _stop_all(bus: Bus, groups: Sequence[int], amplifier: bool, rounds: int) -> Talk[int]:
     stop = bytes([picstep.STOP_ABRUPTLY | (picstep.STOP_AMP_ENABLE if amplifier else 0)])
     yield from bus.stop_groups(groups, stop)
-    left = [module for module in bus.guard.modules.values() if _has_motor(module)]
+    left = [module for module in bus.guard.modules.values() if has_motor(module)]
     for turn in range(1, rounds + 1):
         attempts = 1 if turn == 1 else None  # one that is gone must not hold up the others
         moving = []
@@ -121,8 +121,9 @@ def _stop_all(bus: Bus, groups: Sequence[int], amplifier: bool, rounds: int) -> 
     raise RemoteFault(f"could not be stopped: module {names}", address=left[0].address)
 
 
-def _has_motor(module: Tracker) -> bool:
-    return module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
+def has_motor(module: Tracker) -> bool:
+    """Whether a module moves an axis, so that a stop of the motion is for it."""
+    return module.moves_axis and module.facts.name in (picstep.FACTS.name, picservo.FACTS.name)
 
 
 def _stands(bus: Bus, module: Tracker, stop: bytes, attempts: int | None) -> Talk[bool]:

@@ -67,6 +67,8 @@ class Tracker:
         self.version = facts.version
         self.group = DEFAULT_GROUP
         self.leader = False
+        self.moves_axis = True
+        """False: a spindle or an output, which a stop of the motion leaves to whoever drives it."""
         self.mask: int | None = 0
         self.unsure = ""
         self.address_unsure = False

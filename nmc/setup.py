@@ -43,7 +43,8 @@ class ModuleExpectation:
 
     chip: "pic-step", "pic-servo" or "pic-io". version: None accepts any. group: group address after start-up;
     None: parked, a PIC-I/O in no group of ours (a group Stop Motor would be Set Synch Output to it).
-    leader: True, False, or None: lead if nobody before it in this group does.
+    leader: True, False, or None: lead if nobody before it in this group does. moves: it moves an axis; a module that
+    does not is in no group of ours and may be found in any state.
     """
 
     chip: str
@@ -51,6 +52,7 @@ class ModuleExpectation:
     group: int | None = None
     leader: bool | None = None
     name: str = ""
+    moves: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,8 @@ def start_up(
         bus.guard.enrol(make_tracker(info, reached_stop_is_stopped=reached_stop_is_stopped))
     if baud != DEFAULT_BAUD and found:
         bus.set_baud(baud)  # steps 6 and 7
+    for info, module in zip(found, expected, strict=True):
+        bus.guard.modules[info.address].moves_axis = module.moves
     answers = [bus.exchange(Exchange(info.address, NOP)).status or 0 for info in found]  # step 8
     assign_groups(bus, expected)  # step 9
     trackers = bus.guard.modules
@@ -171,7 +175,7 @@ def assign_groups(bus: Bus, expected: Sequence[ModuleExpectation]) -> None:
 def _group(module: ModuleExpectation) -> int:
     if module.group is not None:
         return module.group
-    return DEFAULT_GROUP if module.chip == picio.FACTS.name else PARKED_GROUP
+    return DEFAULT_GROUP if module.chip == picio.FACTS.name or not module.moves else PARKED_GROUP
 
 
 def set_group(bus: Bus, address: int, group: int, *, leader: bool = False) -> None:

@@ -58,10 +58,19 @@ class Ward:
     chip: str
 
 
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """A module with outputs, such as a spindle or a coolant pump, and the packet that switches them off."""
+
+    address: int
+    packet: bytes
+
+
 class Watchdog:
     """Judges heartbeats and, after expiry, says byte by byte what to send. All times are ns of the link's clock.
 
-    groups: group addresses that get a Stop Motor first. baud: rate of the bus. amplifier: level of AMP_EN in the stop.
+    groups: group addresses that get a Stop Motor first. switches: what goes off once every ward has been told to stop.
+    baud: rate of the bus. amplifier: level of AMP_EN in the stop.
     timeout_ns: from the last heartbeat until the group Stop Motor leaves; the nulls before it are sent so much earlier.
     latency_ns: what operating system and adapter may add to an answer; an answer that is later still could be taken
     for another module's, so this must not be too small. Raises ValueError if the timeout leaves no room for the nulls.
@@ -73,12 +82,14 @@ class Watchdog:
         groups: Sequence[int],
         *,
         baud: int,
+        switches: Sequence[Switch] = (),
         timeout_ns: int = DEFAULT_TIMEOUT_NS,
         amplifier: bool = True,
         latency_ns: int = 2_000_000,
     ) -> None:
         self.wards = tuple(wards)
         self.groups = tuple(groups)
+        self.switches = tuple(switches)
         self.timeout_ns = timeout_ns
         self.phase = Phase.IDLE
         self.rounds = 0
@@ -93,8 +104,9 @@ class Watchdog:
         control = picstep.STOP_ABRUPTLY | (picstep.STOP_AMP_ENABLE if amplifier else 0)
         self._stop = bytes((control,))
         self._left: list[Ward] = []
-        self._plan: list[tuple[Ward | None, bytes]] = []
-        self._asked: Ward | None = None
+        self._on: list[Switch] = []
+        self._plan: list[tuple[Ward | Switch | None, bytes]] = []
+        self._asked: Ward | Switch | None = None
         self._may_stand: set[int] = set()
 
     @property
@@ -149,6 +161,7 @@ class Watchdog:
             self.expired_ns = now_ns
             self.rounds = 0
             self._left = list(self.wards)
+            self._on = list(self.switches)
             self._may_stand.clear()
 
     def next_bytes(self, now_ns: int) -> bytes:
@@ -176,15 +189,17 @@ class Watchdog:
             return
         if self.phase is not Phase.STOPPING:
             return
-        ward = self._asked
-        if ward is not None and self._stands(ward, received):
-            self._left = [other for other in self._left if other is not ward]
+        asked = self._asked
+        if isinstance(asked, Switch) and _is_good(received):
+            self._on = [other for other in self._on if other is not asked]
+        elif isinstance(asked, Ward) and self._stands(asked, received):
+            self._left = [other for other in self._left if other is not asked]
         if not self._plan:
             self._next_round()
 
     def _stands(self, ward: Ward, received: bytes) -> bool:
         """Whether this answer proves that the module stands."""
-        if len(received) < 2 or checksum(received[:-1]) != received[-1] or received[0] & STATUS_COMM_ERROR:
+        if not _is_good(received):
             return False
         if ward.address not in self._may_stand:
             self._may_stand.add(ward.address)
@@ -192,7 +207,7 @@ class Watchdog:
         return not received[0] & picstep.STATUS_MOVING
 
     def _next_round(self) -> None:
-        if not self._left and not self._plan:
+        if not self._left and not self._on and not self._plan:
             self.phase = Phase.STANDING
             return
         self.rounds += 1
@@ -201,6 +216,12 @@ class Watchdog:
             self._plan.append((ward, pack(ward.address, STOP_MOTOR, self._stop)))
             if ward.chip == picstep.FACTS.name:
                 self._plan.append((ward, pack(ward.address, NOP)))
+        self._plan += [(switch, switch.packet) for switch in self._on]
+
+
+def _is_good(received: bytes) -> bool:
+    """Whether this is an answer with a right checksum that reports no communications error."""
+    return len(received) >= 2 and checksum(received[:-1]) == received[-1] and not received[0] & STATUS_COMM_ERROR
 
 
 def patrol(watchdog: Watchdog, link: Link, *, rounds: int | None = None) -> None:

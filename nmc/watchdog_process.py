@@ -27,7 +27,7 @@ from collections.abc import Iterator, Sequence
 from nmc.chips.common import DEFAULT_BAUD
 from nmc.errors import NmcError
 from nmc.serial_link import DescriptorLink, SerialLink
-from nmc.watchdog import DEFAULT_TIMEOUT_NS, Phase, Ward, Watchdog, patrol
+from nmc.watchdog import DEFAULT_TIMEOUT_NS, Phase, Switch, Ward, Watchdog, patrol
 
 PERIOD_NS = 2_000_000
 """How often the child looks; also the longest sleep of the host between two heartbeats is five of these."""
@@ -95,9 +95,18 @@ class SupervisedLink:
         self._armed = False
 
     def watch(
-        self, wards: Sequence[Ward], groups: Sequence[int], *, baud: int, timeout_ns: int = DEFAULT_TIMEOUT_NS
+        self,
+        wards: Sequence[Ward],
+        groups: Sequence[int],
+        *,
+        baud: int,
+        timeout_ns: int = DEFAULT_TIMEOUT_NS,
+        switches: Sequence[Switch] = (),
     ) -> None:
-        """Start the child process; it knows from here on what to stop. Raises NmcError if it does not come up."""
+        """Start the child process; it knows from here on what to stop and to switch off.
+
+        Raises NmcError if it does not come up.
+        """
         self._end_child()
         port = self._link.descriptor
         task = {
@@ -105,6 +114,7 @@ class SupervisedLink:
             "words": self._words.descriptor,
             "wards": [[ward.address, ward.chip] for ward in wards],
             "groups": list(groups),
+            "switches": [[switch.address, switch.packet.hex()] for switch in switches],
             "baud": baud,
             "timeout_ns": timeout_ns,
         }
@@ -231,7 +241,9 @@ def main() -> None:
     link = DescriptorLink(task["port"])
     words = SharedWords(task["words"])
     wards = [Ward(address, chip) for address, chip in task["wards"]]
-    dog = Watchdog(wards, task["groups"], baud=task["baud"], timeout_ns=task["timeout_ns"], latency_ns=PORT_LATENCY_NS)
+    switches = [Switch(address, bytes.fromhex(packet)) for address, packet in task["switches"]]
+    timing = {"baud": task["baud"], "timeout_ns": task["timeout_ns"], "latency_ns": PORT_LATENCY_NS}
+    dog = Watchdog(wards, task["groups"], switches=switches, **timing)
     print("ready", flush=True)
     if _watch(dog, link, words):
         _fence(link, words)

@@ -46,7 +46,9 @@ class RetimablePlan:
         if plan.setting is None:
             raise ValueError("this plan cannot be timed anew")
         self._plan = plan
-        self._now: Trajectory = plan.trajectory if undisturbed is None else undisturbed
+        self.undisturbed: Trajectory = plan.trajectory if undisturbed is None else undisturbed
+        """As it was planned."""
+        self._now = self.undisturbed
         self._begin_s = begin_s
         self._own = own
         self._live: LiveTrajectory | None = None

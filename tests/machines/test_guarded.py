@@ -16,7 +16,7 @@ from machines.wiring import bus_specs
 from nmc.bus import Bus
 from nmc.link import Link
 from nmc.recording_link import RecordingLink
-from nmc.watchdog import Ward
+from nmc.watchdog import Switch, Ward
 from sim.build import build
 
 MACHINE = read_machine("mill3-mixed")
@@ -32,7 +32,15 @@ class Guarded:
         self.changes: list[bool] = []
         self.loads_unarmed = 0
 
-    def watch(self, wards: Sequence[Ward], groups: Sequence[int], *, baud: int, timeout_ns: int) -> None:
+    def watch(
+        self,
+        wards: Sequence[Ward],
+        groups: Sequence[int],
+        *,
+        baud: int,
+        timeout_ns: int,
+        switches: Sequence[Switch] = (),
+    ) -> None:
         self.watched = (tuple(wards), tuple(groups), baud, timeout_ns)
 
     def arm(self) -> None:
