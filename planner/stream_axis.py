@@ -238,12 +238,22 @@ class StepAxis:
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
 
     def halt_ns(self) -> int:
-        """Of an axis that halts: the instant by which even the slowest chip has made the last wanted step."""
+        """Of an axis that halts: when the Stop Motor into its gap may be executed.
+
+        That is when the last wanted step has most likely been made. Certainty may be a longest period away (which
+        roll-over took the last count?) and is not needed: the counter is read, and a step that is missing then comes
+        first in what is left. The same holds where the longest count has come into force a step too early.
+        """
         leg = self.leg
         assert leg is not None
         beyond = abs(leg.stop_steps - leg.start_steps) - len(leg.instants_ns)
-        slow = self.twin.slow
-        return slow.next_ns + (slow.left - beyond - 1) * slow.period_ns
+        timer, slow = self.twin.nominal, self.twin.slow
+        likely_ns = timer.next_ns + (timer.left - beyond - 1) * timer.period_ns
+        surely_ns = slow.next_ns + (slow.left - beyond - 1) * slow.period_ns
+        unsure_ns = self.timing.jitter_max_ns + self.timing.start_delay_max_ns
+        if timer.period_ns > self.period_max_ns // 2 and likely_ns > leg.instants_ns[-1] + self.start_ns + unsure_ns:
+            return timer.next_ns - timer.period_ns + unsure_ns
+        return min(surely_ns, likely_ns + unsure_ns)
 
     def halted(self, position_steps: int, now_ns: int) -> None:
         """A Stop Motor has been executed in the gap and the counter read: what is left begins from here."""
