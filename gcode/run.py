@@ -29,7 +29,7 @@ from gcode.resolve import resolve
 from gcode.scanner import scan_line
 from gcode.setup import Setup
 from gcode.state import AXIS_INDEX
-from gcode.stream import NeedsStructureError, Stream, plain_line
+from gcode.stream import NeedsStructureError, Stream, load_numpy, plain_line
 from gcode.synch import Answer, Assumptions, Synch
 from gcode.textsource import Source, TextSource, count_lines, percent_follows
 
@@ -182,6 +182,7 @@ class Run(Reports):
             self._passes += 1
             if self._passes < 100:
                 return None
+            load_numpy()
             from gcode.hotloop import HotLoops
 
             self._hot = HotLoops(self.machine)

@@ -15,17 +15,21 @@ from gcode.dialects import Dialect
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.reading import read_line
-from gcode.templates import HOLD_ROWS, Templates
 from gcode.textsource import Source
 
 if TYPE_CHECKING:
     from gcode.block import Line
     from gcode.columns import F8, I8
     from gcode.flow import Flow
+    from gcode.templates import Templates
 
 THREADS = "OPENBLAS_NUM_THREADS"
-FEW_LINES = 64
-"""Programs shorter than this are not worth loading the column tools for."""
+FEW_BYTES = 1 << 9
+"""Shorter programs are executed line by line."""
+WORTH_LOADING_BYTES = 1 << 16
+"""Shorter programs are executed line by line too if numpy is not there yet: to load it would take longer."""
+WORTH_SHAPES = 300
+"""Lines with expressions after which shapes are looked for, if numpy is not there yet."""
 CALLS = (98.0,)
 LATHE_CYCLES = (70.0, 71.0, 71.1, 71.2, 72.0, 72.1, 72.2)
 MAX_STOPS = 12
@@ -85,7 +89,8 @@ class Stream:
         self.last_number = 0
         self._begun = False
         self._maybe_closed = False
-        self._templates = Templates(run.machine, run.flow.program)
+        self._templates: Templates | None = None
+        self._expressions = 0
 
     def steps(self) -> Iterator[int]:
         """Executes the program; yields after every line or run, so that what it gave can be taken.
@@ -93,7 +98,8 @@ class Stream:
         Raises ``NeedsStructureError``.
         """
         for chunk in self.source.chunks():
-            if len(chunk) < FEW_LINES * 8 or not self.run.may_run_columns():
+            worth = FEW_BYTES if "numpy" in sys.modules else WORTH_LOADING_BYTES
+            if len(chunk) < worth or not self.run.may_run_columns():
                 yield from self._lines(chunk.decode("utf-8", "surrogateescape").split("\n")[:-1])
             else:
                 yield from self._chunk(chunk)
@@ -153,7 +159,8 @@ class Stream:
             strict_rapids=not self.run.has_reported("GC216"),
         )
         if done:
-            self._templates.prepare()
+            if self._templates is not None:
+                self._templates.prepare()
             self.number += done
             self.last_number = self.number
             self._begun = True
@@ -173,27 +180,35 @@ class Stream:
                 continue
             self._begun = True
             self._maybe_closed = False
-            templates = self._templates
-            if (
-                templates.allowed
-                and self.run.may_run_columns()
-                and ("[" in text or "#" in text)
-                and templates.run(self.number, text)
-            ):
-                if len(templates.rows) >= HOLD_ROWS:
+            templates = self._shapes() if "[" in text or "#" in text else None
+            if templates is not None and templates.allowed and templates.run(self.number, text):
+                if templates.is_full():
                     self._flush()
                     yield self.number
                 continue
             self._flush()
             self.run.execute_text(self.number, text)
-            templates.prepare()
+            if self._templates is not None:
+                self._templates.prepare()
             yield self.number
             if self.run.machine.finished:
                 return
 
+    def _shapes(self) -> Templates | None:
+        """The shapes of lines with expressions, once there are enough of these."""
+        if self._templates is None and self.run.may_run_columns():
+            self._expressions += 1
+            if self._expressions > WORTH_SHAPES or "numpy" in sys.modules:
+                load_numpy()
+                from gcode.templates import Templates
+
+                self._templates = Templates(self.run.machine, self.run.flow.program)
+                self._templates.prepare()
+        return self._templates
+
     def _flush(self) -> None:
         """Hands out rows that shapes gave."""
-        if self._templates.rows:
+        if self._templates is not None and self._templates.rows:
             for line in self._templates.flush():
                 self.run.warn_rapid(line)
 

@@ -13,7 +13,10 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gcode.block import Line
+from gcode.blockpath import can_run, rows_block
 from gcode.codegen import AXES, NotCompilableError, Writer
 from gcode.errors import GcodeError
 from gcode.expressions import Value
@@ -102,8 +105,6 @@ class Templates:
 
     def prepare(self) -> None:
         """Looks at the modes: after every line that the interpreter executed."""
-        from gcode.blockpath import can_run
-
         state = self.machine.state
         self.allowed = (
             can_run(self.machine)
@@ -114,6 +115,10 @@ class Templates:
         if state.incremental != self._incremental:
             self._incremental = state.incremental
             self._shapes.clear()
+
+    def is_full(self) -> bool:
+        """Whether so many rows are held that it is time to hand them out."""
+        return len(self.rows) >= HOLD_ROWS
 
     def run(self, number: int, text: str) -> bool:
         """Executes the line if its shape is known to be harmless. False: nothing was done."""
@@ -160,10 +165,6 @@ class Templates:
         """Hands the held rows out as a block; gives the lines of rapids below Z0 (for a warning)."""
         if not self.rows:
             return []
-        import numpy as np
-
-        from gcode.blockpath import rows_block
-
         table = np.empty((len(self.rows), 12))
         table[:, :11] = self.rows
         table[:, 11] = self.machine.state.feed
