@@ -76,6 +76,11 @@ def test_a_shipped_machine_is_not_written(cli: Cli) -> None:
         (("probe-latch", "-m", "mill3-servo"), 1, "no motor is on a PIC-STEP"),
         (("probe-latch", "--port", "/dev/null/none"), 1, "say --yes"),
         (("probe-latch", "--port", "/dev/null/none", "--yes"), 2, "cannot open"),
+        (("tune", "X"), 1, "it has no PIC-SERVO"),
+        (("tune", "A", "-m", "mill3-servo"), 1, "X, Y, Z"),
+        (("tune", "X", "-m", "mill3-servo", "--write"), 1, "copy it"),
+        (("tune", "X", "-m", "mill3-servo", "--room", "100"), 1, "too small"),
+        (("tune", "X", "-m", "mill3-servo", "--port", "/dev/null/none"), 1, "say --yes"),
     ],
 )
 def test_what_the_measuring_verbs_refuse(arguments: tuple[str, ...], status: int, words: str, cli: Cli) -> None:
@@ -83,3 +88,32 @@ def test_what_the_measuring_verbs_refuse(arguments: tuple[str, ...], status: int
     assert answer.status == status
     assert words in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_tune_prints_and_draws_the_step_and_writes_only_when_told(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path, "mill3-servo", **{"kp = 220": "kp = 60  # weak", "kd = 2640": "kd = 700"})
+    before = path.read_text()
+    runs = tmp_path / "runs"
+    answer = cli("tune", "Y", "-m", str(path), "--runs", str(runs), "--json", "--picture", "svg")
+    assert answer.status == 0
+    found = json.loads(answer.out)
+    assert found["kp"] > 100
+    assert found["after"]["rise_ms"] < 20
+    assert path.read_text() == before
+    [folder] = runs.iterdir()
+    assert {item.name for item in folder.iterdir()} == {
+        "machine.toml",
+        "journal.jsonl",
+        "steps.txt",
+        "steps.svg",
+        "gains.json",
+    }
+    assert "nine tenths" in (folder / "steps.txt").read_text()
+    again = cli("tune", "Y", "-m", str(path), "--runs", str(runs), "--write")
+    assert again.status == 0
+    assert f"kp = {found['kp']}\nkd = {found['kd']}\n" in again.out
+    after = path.read_text()
+    table = parse_machine(after, "own").axis["Y"]
+    assert table.chip == "pic-servo"
+    assert (table.servo.kp, table.servo.kd) == (found["kp"], found["kd"])
+    assert f"kp = {found['kp']}  # weak" in after
