@@ -138,7 +138,7 @@ def _timed(path: CubicSpline, reach: float, feed_mm_s: float, axes: int) -> tupl
         tau = time - t[i]
         return path(np.minimum(s[i] + v[i] * tau + 0.5 * acceleration[i] * tau**2, reach))
 
-    names = ("X", "Y", "Z", "A", "B", "C")[:axes]
+    names = ("X", "Y", "Z", "A", "B", "C", "U", "V")[:axes]
     return ClosedForm(names, float(t[-1]), q), float(t[-1])
 
 

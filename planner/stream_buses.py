@@ -92,9 +92,8 @@ class BusLane:
         self._recalled = self._kept is not None and self._kept.command == START_MOTION
 
     def sent_ns(self) -> int:
-        """Up to here everything that this bus will do has been said."""
-        out = self._out
-        said_ns = out.send_at_ns if out is not None and out.command != NO_OPERATION else 0
+        """Up to here everything that this bus will do has been said: it looks at new times after what it says now."""
+        said_ns = 0 if self._out is None else self._out.send_at_ns
         return max(self._now_ns, said_ns) + SENT_NS
 
 
