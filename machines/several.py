@@ -77,8 +77,8 @@ class BusGovernors(Governor):
 
     def observe(self, evidence: Evidence) -> Advice | None:
         """Look at an exchange of any bus; advice only when something is to change."""
-        governor = self._each[evidence.exchange.bus]
-        if governor.observe(evidence) is None:
+        governor = self._each.get(evidence.exchange.bus)  # of a bus with outputs alone there is none
+        if governor is None or governor.observe(evidence) is None:
             return None
         self.share = min(each.share for each in self._each.values())
         self.least_share = min(self.least_share, self.share)
