@@ -6,9 +6,10 @@ holds numbers: codes by modal group and one value per letter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from gcode.expressions import Span, Value
+from gcode.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ Source: NIST RS274/NGC version 3, section 4 (canonical machining functions), in 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
+
+from gcode.records import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

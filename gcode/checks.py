@@ -6,8 +6,6 @@ of the programmer that would cut metal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gcode.block import Block
 from gcode.codes import (
     ARCS,
@@ -32,6 +30,7 @@ from gcode.codes import (
     g_name,
 )
 from gcode.errors import GcodeError
+from gcode.records import dataclass
 
 NO_MOTION = 800
 """G80: no motion code is active."""

@@ -7,8 +7,10 @@ which alone knows file and line, turns it into a ``Diagnostic``. Columns count c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Literal
+
+from gcode.records import dataclass
 
 Severity = Literal["error", "warning"]
 

@@ -8,7 +8,6 @@ with LinuxCNC's additions in the places where it puts them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from gcode import auxiliary, comments, modes, offsets, ondemand, stops, toolsteps
 from gcode.arcs import arc
@@ -44,6 +43,7 @@ from gcode.codes import (
 from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.motion import check_g53, straight
+from gcode.records import dataclass
 
 Step = Callable[[Machine, Block], None]
 

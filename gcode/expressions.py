@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 from gcode.errors import GcodeError
+from gcode.records import dataclass
 
 TOLERANCE_EQUAL = 1e-4
 Span = tuple[int, int]

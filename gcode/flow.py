@@ -6,7 +6,7 @@ subprogram (M98 shares them), named local parameters to every level.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from gcode.block import Block, Line, Statement
 from gcode.errors import GcodeError
@@ -15,6 +15,7 @@ from gcode.library import Library
 from gcode.machine import Context, Machine
 from gcode.parameters import LOCAL_COUNT, MACRO_LOCALS
 from gcode.program import Program
+from gcode.records import dataclass
 
 MAX_CALLS = 50
 """Deepest nesting of calls (LinuxCNC: 10)."""

@@ -9,9 +9,9 @@ both. The interpreter works in program coordinates as RS274/NGC does, and this i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from gcode.canon import ORIGIN, Position, Text
+from gcode.records import dataclass
 
 LINEAR = (0, 1, 2, 6, 7, 8)
 """Indices of the axes that have a length unit."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from gcode.dialects import Dialect
 from gcode.program import Program
+from gcode.records import dataclass
 
 SUFFIXES = (".ngc", ".nc")
 MAX_BYTES = 50_000_000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from gcode.block import Block
@@ -12,6 +11,7 @@ from gcode.emit import Emitter
 from gcode.errors import GcodeError
 from gcode.memory import CycleMemory
 from gcode.parameters import Parameters
+from gcode.records import dataclass
 from gcode.setup import Setup, Tool
 from gcode.state import NO_TOOL, State, position_of
 from gcode.synch import Answer, Synch

@@ -7,12 +7,13 @@ So an unbalanced O-word is an error wherever it stands, even in a subprogram tha
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from gcode.block import Line, Statement
 from gcode.dialects import Dialect
 from gcode.errors import GcodeError
 from gcode.reading import read_line
+from gcode.records import dataclass
 from gcode.source import split_lines
 
 _FLOW = re.compile(r"^[ \t/]*(?:n[ \t\d.]*)?(?:o|m[ \t]*0*9[89](?!\d))", re.IGNORECASE | re.MULTILINE)

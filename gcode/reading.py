@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gcode.block import Line
 from gcode.dialects import Dialect
 from gcode.errors import GcodeError
+from gcode.records import dataclass
 from gcode.scanner import MAX_LINE, scan_line
 
 _CHECKSUM = re.compile(r"\*\s*(\d{1,3})\s*$")

@@ -8,10 +8,11 @@ Everything mutable of a run is here or in ``Parameters``; a snapshot of both is 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from gcode.canon import Position
 from gcode.frame import LINEAR, Frame, turned
+from gcode.records import dataclass
 from gcode.setup import Tool
 
 AXIS_INDEX = {letter: index for index, letter in enumerate("xyzabcuvw")}

@@ -6,10 +6,10 @@ program ahead of time the same run as on the machine.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from gcode.canon import Command, Position
+from gcode.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)
