@@ -170,6 +170,7 @@ class Warped:
 
     def hold(self, sent_s: float) -> Resting:
         """Slow down to rest from ``sent_s`` on."""
+        self._forget(sent_s)
         rate = self._state(sent_s)[1]
         self._append(sent_s, -self._rate_per_s)
         self._held_s = sent_s + rate / self._rate_per_s
@@ -179,15 +180,22 @@ class Warped:
     def resume(self, sent_s: float) -> None:
         """Speed up to the full rate from ``sent_s`` on."""
         self._held_s = None
+        self._forget(sent_s)
+        rate = self._state(sent_s)[1]
         self._append(sent_s, self._rate_per_s)
-        self._append(sent_s + 1.0 / self._rate_per_s, 0.0, rate=1.0)
+        self._append(sent_s + (1.0 - rate) / self._rate_per_s, 0.0, rate=1.0)
 
     def override(self, sent_s: float, rate: Rate) -> None:
         """Go over to a feed override from ``sent_s`` on."""
+        self._forget(sent_s)
         now = self._state(sent_s)[1]
         change = self._rate_per_s if rate.feed > now else -self._rate_per_s
         self._append(sent_s, change)
         self._append(sent_s + (rate.feed - now) / change, 0.0, rate=rate.feed)
+
+    def _forget(self, after_s: float) -> None:
+        """Drop what an earlier request has foreseen for later."""
+        self._pieces = [self._pieces[0], *(piece for piece in self._pieces[1:] if piece[0] <= after_s)]
 
     def _append(self, at_s: float, change: float, rate: float | None = None) -> None:
         tau, now = self._state(at_s)

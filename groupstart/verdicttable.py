@@ -51,10 +51,29 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
             f"{verdict.late_slices} late",
         )
     )
+    rows += _host_rows(verdict)
     if verdict.sim_time_s is None:
         return rows  # what went against the data sheets only the twin can tell
     names = ", ".join(f"{name}: {count}" for name, count in verdict.violations.items())
     rows.append(("violations of the data sheets", names or "none"))
+    return rows
+
+
+def _host_rows(verdict: Verdict) -> list[tuple[str, str]]:
+    """What the host did, where it is of interest, and every hold."""
+    rows, host = [], verdict.host
+    if host is not None and (verdict.sim_time_s is None or host.least_speed_percent < 100 or host.late_exchanges):
+        words = (
+            f"99 % within {host.delay_p99_ms:.2f} ms, at most {host.delay_max_ms:.2f} ms, {host.late_exchanges} late"
+        )
+        if host.least_speed_percent < 100:
+            words += f"; slowed to {host.least_speed_percent:.0f} % at the least"
+        rows.append(("host delays", words))
+    for hold in verdict.holds:
+        words = f"line {hold.line}: rest in {hold.announced_s:.3f} s and {hold.announced_mm:.3f} mm announced"
+        if hold.measured_s is not None and hold.off_mm is not None:
+            words += f"; stood {hold.off_mm:.3f} mm from there, known after {hold.measured_s:.3f} s"
+        rows.append(("hold", words))
     return rows
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from machines.outcome import Outcome
 from machines.schema import MachineConfig
-from machines.verdict import BusUse, Peak, Spread, Verdict, reasons_against
+from machines.verdict import BusUse, HostUse, Peak, Spread, Verdict, reasons_against
 from machines.wiring import every_motor, scale_of
 from planner.plan import Plan
 from planner.planfile import sample_times
@@ -47,6 +47,7 @@ def judge(
         contour_steps=steps,
         end_error_steps=end_error,
         violations=violations,
+        unheeded=outcome.statistics.unheeded,
     )
     return Verdict(
         ok=not reasons,
@@ -70,6 +71,8 @@ def judge(
             for axis, table in config.axis.items()
         },
         reasons=reasons,
+        holds=outcome.holds,
+        host=_host_use(outcome),
     )
 
 
@@ -152,6 +155,17 @@ def _bus_use(outcome: Outcome) -> BusUse:
         bytes=statistics.bytes,
         utilisation=min(statistics.busy_ns / span_ns, 1.0),
         slice_ms=statistics.slice_ms,
+    )
+
+
+def _host_use(outcome: Outcome) -> HostUse:
+    statistics = outcome.statistics
+    return HostUse(
+        delay_p99_ms=statistics.host_delay_p99_ms,
+        delay_max_ms=statistics.host_delay_max_ms,
+        late_exchanges=statistics.late_exchanges,
+        least_speed_percent=round(100 * statistics.least_speed, 1),
+        unheeded=statistics.unheeded,
     )
 
 

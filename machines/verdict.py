@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from machines.ratecontrol import HoldRecord
 from machines.schema import VerifyTable
 
 
@@ -33,6 +34,33 @@ class BusUse:
     bytes: int
     utilisation: float
     slice_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class HostUse:
+    """What was measured of the host while it ran.
+
+    delay_p99_ms, delay_max_ms: what host and module added to the bytes of an exchange. late_exchanges: exchanges that
+    left late. least_speed_percent: below 100 the motion was slowed for the host. unheeded: why it could not be.
+    """
+
+    delay_p99_ms: float
+    delay_max_ms: float
+    late_exchanges: int
+    least_speed_percent: float
+    unheeded: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputUse:
+    """Spindle, coolant and outputs: how many pins were switched, and how far that was from the planned instants, ms.
+
+    On the twin as the pins changed; on a port as the commands left.
+    """
+
+    changes: int
+    off_ms_max: float
+    off_ms_rms: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +94,9 @@ class Verdict:
     peak: dict[str, Peak]
     limits: dict[str, Peak]
     reasons: tuple[str, ...] = field(default=())
+    holds: tuple[HoldRecord, ...] = ()
+    host: HostUse | None = None
+    outputs: OutputUse | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The fields as ``verify --json`` prints them."""
@@ -74,6 +105,9 @@ class Verdict:
         data["reasons"] = list(self.reasons)
         if self.motor_contour_um is None:
             del data["motor_contour_um"]  # steppers have no shaft of their own
+        data["holds"] = list(data["holds"])
+        if self.outputs is None:
+            del data["outputs"]  # it has none
         data["program_um"] = None if self.program_um is None else {"max": self.program_um}
         data["lag_ms"] = None if self.lag_ms is None else {"max": self.lag_ms[0], "rms": self.lag_ms[1]}
         return data
@@ -87,6 +121,7 @@ def reasons_against(
     contour_steps: Spread | None,
     end_error_steps: Mapping[str, int],
     violations: Mapping[str, int],
+    unheeded: str = "",
 ) -> tuple[str, ...]:
     """Every reason to call a run bad, in words; none: the run is good."""
     found: list[str] = []
@@ -101,4 +136,6 @@ def reasons_against(
             found.append(f"simulated time differs by {percent:.2f} % from the planned one")
     for name, count in violations.items():
         found.append(f"{count} violation{'s' if count > 1 else ''} of {name}")
+    if unheeded:
+        found.append(f"the host was slower than assumed and the motion was not slowed: {unheeded}")
     return tuple(found)
