@@ -51,17 +51,19 @@ class TickClock:
     """When the ticks of one chip end, tracked from the times at which its answers began.
 
     A second-order loop: phase and period follow the observations; before motion ``observe`` is fed a dozen answers.
-    An observation is an upper bound plus port delay, so an outlier of more than half a tick is not believed.
+    An observation is an upper bound plus port delay, so an outlier of more than half a tick is not believed. fast_ppb:
+    by how much the chip's crystal is known to run fast; None: not known, the first observations then set the period.
     """
 
-    __slots__ = ("_last_tick", "origin_ns", "period_ns", "seen")
+    __slots__ = ("_known", "_last_tick", "origin_ns", "period_ns", "seen")
 
     PHASE_GAIN = 0.25
     PERIOD_GAIN = 0.1
 
-    def __init__(self) -> None:
+    def __init__(self, fast_ppb: int | None = None) -> None:
         self.origin_ns = 0.0
-        self.period_ns = float(TICK_NS)
+        self.period_ns = TICK_NS / (1 + (fast_ppb or 0) / 1e9)
+        self._known = fast_ppb is not None
         self.seen = 0
         self._last_tick = 0
 
@@ -75,7 +77,8 @@ class TickClock:
         late_ns = tick_end_ns - self.end_ns(tick)
         span = max(tick - self._last_tick, 1)
         gain = max(1.0 / (self.seen + 1), self.PHASE_GAIN)
-        self.period_ns += self.PERIOD_GAIN * gain * late_ns / span if self.seen > 2 else late_ns / max(tick, 1)
+        follow = self._known or self.seen > 2
+        self.period_ns += self.PERIOD_GAIN * gain * late_ns / span if follow else late_ns / max(tick, 1)
         self.origin_ns = tick_end_ns - (1.0 - gain) * late_ns - tick * self.period_ns
         self.seen += 1
         self._last_tick = tick

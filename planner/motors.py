@@ -10,7 +10,8 @@ class StepMotor:
     """A stepper on a PIC-STEP.
 
     axis: planned axis that it follows. steps_per_unit: signed (negative turns it round), steps/mm or steps/deg.
-    speed_mode: 1, 2, 4 or 8 (PIC-STEP data sheet, table 3). crystal_ppm: bound of the chip's unknown clock error.
+    speed_mode: 1, 2, 4 or 8 (PIC-STEP data sheet, table 3). crystal_ppm: bound of the chip's unknown clock error, added
+    to crystal_fast_ppb, the parts in 10^9 by which it is known to run fast.
     """
 
     name: str
@@ -20,13 +21,15 @@ class StepMotor:
     steps_per_unit: float
     speed_mode: int
     crystal_ppm: int = 100
+    crystal_fast_ppb: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class ServoMotor:
     """A DC servo on a PIC-SERVO with servo rate divisor 1.
 
-    axis: planned axis that it follows. counts_per_unit: signed, encoder counts/mm or counts/deg.
+    axis: planned axis that it follows. counts_per_unit: signed, encoder counts/mm or counts/deg. crystal_fast_ppb: by
+    how much its clock is known to run fast, None: not known.
     """
 
     name: str
@@ -34,6 +37,7 @@ class ServoMotor:
     bus: int
     address: int
     counts_per_unit: float
+    crystal_fast_ppb: int | None = None
 
 
 Motor = StepMotor | ServoMotor

@@ -28,6 +28,7 @@ SAFETY_NS = 100_000
 """A count-only load is sent only if the fastest possible chip still moves this long after it."""
 CATCH_UP = 1.5
 """A late axis steps at most this much faster than the plan does around there."""
+PPB = 1_000_000_000
 SLOW_PERIOD_NS = 2_500_000
 """Steps further apart than this are slow."""
 
@@ -50,6 +51,7 @@ class StepAxis:
         self.timing = timing
         self.start_ns = start_ns
         self.twin = StepTimerTwin(self.motor.crystal_ppm)
+        self._chip_ppb = PPB + self.motor.crystal_fast_ppb
         self.period_min_ns, self.period_max_ns = period_range_ns(self.motor.speed_mode)
         self.position_steps = train.start_steps
         self.leg: Leg | None = None
@@ -199,8 +201,8 @@ class StepAxis:
 
     def _encode(self, period_ns: int, leg: Leg | None, direction: int, start_now: bool) -> tuple[bytes, Load]:
         mode = self.motor.speed_mode
-        count = count_of_period(max(period_ns, self.period_min_ns), mode)
-        period_ns = period_of_count_ns(count, mode)
+        count = count_of_period(max(period_ns, self.period_min_ns) * self._chip_ppb // PPB, mode)
+        period_ns = period_of_count_ns(count, mode) * PPB // self._chip_ppb  # by the host's clock
         control = LOAD_TIMER_COUNT | (REVERSE if direction < 0 else 0) | (START_NOW if start_now else 0)
         position = b""
         if leg is not None:

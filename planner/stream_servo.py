@@ -53,7 +53,7 @@ class ServoLane:
         self.address = motor.address
         self.track = Track(trajectory, motor.axis, motor.counts_per_unit, start_ns)
         self.count_um = 1000.0 / abs(motor.counts_per_unit)
-        self.clock = TickClock()
+        self.clock = TickClock(motor.crystal_fast_ppb)
         self.point = nearest_step(self.track.at(start_ns), 1.0)
 
     def prelude(self) -> Stream:
