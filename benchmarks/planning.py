@@ -123,13 +123,14 @@ def rate(jobs: dict[str, list[Command]], operations: int) -> None:
 
 
 def _disturbed(commands: list[Command], whole: Trajectory, operations: int) -> str:
-    from planner.follow import follow
+    from planner.follow import Follower
 
     rng = np.random.default_rng(1)
     line = whole.q(np.arange(0.0, whole.duration_s, 5e-4))
     line = line[np.concatenate([[True], np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-7])]
     t = live(commands, LIMITS, start=START, moves=500)
-    now, checked_to, segment, spent, done = 0.0, 0.0, 0, 0.0, 0
+    follower = Follower(line, 0.3, 1e-4)
+    now, checked_to, spent, done = 0.0, 0.0, 0.0, 0
     worst = np.zeros(5)
     while True:
         pause = rng.exponential(whole.duration_s / operations)
@@ -140,8 +141,7 @@ def _disturbed(commands: list[Command], whole: Trajectory, operations: int) -> s
         if len(moments):
             worst[0] = max(worst[0], float((np.abs(t.v(moments)).max(axis=0) / LIMITS.velocity).max()))
             worst[1] = max(worst[1], float((np.abs(t.a(moments)).max(axis=0) / LIMITS.acceleration).max()))
-            off, match = follow(t.q(moments), line, segment, 0.3, 1e-4)
-            worst[2], segment = max(worst[2], float(off.max())), int(match[-1])
+            worst[2] = float(follower.take(t.q(moments))[0][-1])
         checked_to = now
         t.forget(now)
         if done >= operations and t.complete and now >= t.settled_s:

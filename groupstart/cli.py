@@ -29,6 +29,7 @@ VERBS: dict[str, str] = {
     "mdi": "Run one line of G-code.",
     "scan": "Say who is on the bus.",
     "probe-latch": "Measure what a PIC-STEP does where its data sheet is silent.",
+    "calibrate": "Measure the crystal of each module.",
     "tune": "Find the gains of a PIC-SERVO axis.",
     "reset": "Put every module back to its power-up state.",
     "sim": "Serve a simulated machine on a pseudo-terminal.",

@@ -16,7 +16,7 @@ from machines.gains import gains_of
 from machines.outputs_events import Rig
 from machines.outputs_hook import ready_rig, switch_off, switches_of
 from machines.outputs_rules import SPINDLE
-from machines.schema import BusTable, MachineConfig, ServoMotorTable, StepMotorTable
+from machines.schema import TWIN, BusTable, MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
 from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
 from nmc.bus import Bus
@@ -57,6 +57,8 @@ class Connection:
     indexers: dict[str, Cy545] = field(default_factory=dict)
     rig: Rig | None = None
     """Spindle, coolant and outputs, once the buses are up."""
+    place: str = ""
+    """Where it is: the ports, or ``twin`` and its seed; what is measured there is recorded with it."""
 
     def records(self) -> dict[str, list[str]]:
         """Bytes of real ports as text by bus; a simulated bus keeps its bytes in the trace."""
@@ -86,10 +88,12 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
     Raises NmcError where a port cannot be opened, ValueError where ``port`` does not say which bus it means.
     """
     if is_simulated(config, port):
-        simulation = build(bus_specs(config), config.sim.seed if seed is None else seed)
+        seed = config.sim.seed if seed is None else seed
+        simulation = build(bus_specs(config), seed)
         links = simulation.links[: len(nmc_buses(config))]
         chips = simulated_indexers(config, simulation)
-        return Connection(config, links, _buses(config, links), simulation, indexers=chips)
+        place = f"{TWIN}, seed {seed}"
+        return Connection(config, links, _buses(config, links), simulation, indexers=chips, place=place)
     names = [bus.port for bus in nmc_buses(config).values()]
     if port is not None:
         if len(config.bus) != 1:
@@ -106,7 +110,7 @@ def connect(config: MachineConfig, port: str | None = None, seed: int | None = N
         for link in opened:
             link.close()
         raise
-    return Connection(config, opened, _buses(config, opened), None, indexers=chips)
+    return Connection(config, opened, _buses(config, opened), None, indexers=chips, place=", ".join(names))
 
 
 def _buses(config: MachineConfig, links: Sequence[Link]) -> list[Bus]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from machines.bringup import Connection, bus_of, set_step_parameters
 from machines.commission import Asker, StopRequested
 from machines.latchprobe import STEPS_MOST, LatchFinding, LatchProbe
-from machines.profiles import TWIN
 from machines.schema import MachineConfig
 from machines.silences import STEPS_MOST as RUN_AWAY_STEPS
 from machines.silences import Answer, Silences
@@ -58,14 +57,6 @@ def probe_motor(
     chip.stop_motor("abruptly")
     set_step_parameters(chip, table, f"{speed_mode(config, axis, table)}x")
     return Probed(motor, version, latch, tuple(answers))
-
-
-def place_of(connection: Connection, port: str | None, seed: int | None) -> str:
-    """``measured_on`` of a record: the twin with its seed, or the port."""
-    config = connection.config
-    if connection.simulation is not None:
-        return f"{TWIN}, seed {config.sim.seed if seed is None else seed}"
-    return port or ", ".join(bus.port for bus in nmc_buses(config).values())
 
 
 def table_of(config: MachineConfig, motor: str) -> KeyPath:

@@ -11,13 +11,10 @@ from __future__ import annotations
 from typing import cast
 
 from machines.cy545 import cy545_tables
-from machines.schema import MachineConfig
+from machines.schema import TWIN, MachineConfig
 from machines.wiring import motor_tables, motors, servo_tables
 from planner.motors import ServoMotor
 from planner.stream import PROFILES, Profile
-
-TWIN = "twin"
-"""How ``measured_on`` begins of what was measured on the simulated machine."""
 
 
 def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profile:

@@ -113,6 +113,10 @@ class AxisKeys(Table):
         return self
 
 
+TWIN = "twin"
+"""How ``measured_on`` begins of what was measured on the simulated machine."""
+
+
 class Measured(Table):
     """Of every record of a measurement. ``measured_on``: the port, or ``twin`` and its seed; ``date``: of that day."""
 

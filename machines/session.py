@@ -25,6 +25,7 @@ import numpy as np
 from machines import bringup
 from machines.bringup import Connection
 from machines.control import Control
+from machines.crystals import calibrated
 from machines.cy545 import stand_ins
 from machines.cy545_homing import home_indexer
 from machines.homing import Homed, home_servo, home_stepper
@@ -273,7 +274,7 @@ class Session:
             self._connection.close()
 
     def _source(self, trajectory: Trajectory, profile: str) -> RunSource | BusStreams:
-        driven = motors(self.config)
+        driven = calibrated(self.config, self.connection.place)
         if len({motor.bus for motor in driven}) > 1:
             return bus_streams(self.connection, trajectory, profile, self.note)
         simulated = self.connection.simulation is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 
 from machines.bringup import Connection
+from machines.crystals import calibrated
 from machines.governor import Advice, Governor
 from machines.outputs_hook import Planned, lanes_with_outputs, with_outputs
 from machines.patience import PatientSource
@@ -39,7 +40,7 @@ def bus_streams(connection: Connection, trajectory: Trajectory, profile: str, no
     profiles = {bus: profile_of_bus(config, bus, chosen, simulated) for bus in timings}
     for bus, name in moving_buses(config).items():
         note("profile", now_ns, profile=profiles[bus], bus=name)
-    driven = motors(config)
+    driven = calibrated(config, connection.place)
     start_ns = now_ns + lead_in_of_buses_ns(driven, timings)
     return make_sources(trajectory, driven, timings=timings, start_ns=start_ns, profiles=profiles)
 

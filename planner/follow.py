@@ -28,30 +28,70 @@ LOST_SEGMENTS = 20_000
 
 
 @njit(cache=True)
-def follow(q: F8, polyline: F8, segment: int, reach_mm: float, lost_mm: float) -> tuple[F8, Index]:
-    """Distance f8[N] of each sample to the polyline and its segment i8[N], never searched backwards.
-
-    segment: where the first sample is looked for. reach_mm: how far ahead on the polyline each is looked for. Of
-    equally near segments the first counts, so a sample before a reversal is not taken for one after it. Where the
-    polyline goes over itself a match can stay behind; a sample farther than lost_mm from its reach is looked for on
-    all that follows.
-    """
-    last = len(polyline) - 2
-    distance, match = np.empty(len(q)), np.empty(len(q), dtype=np.int64)
+def _advance(
+    q: F8, polyline: F8, length: F8, first: int, cost: F8, reach_mm: float, keep_mm: float, worst: F8, match: Index
+) -> tuple[int, F8]:
+    last = len(length) - 1
+    following = np.empty(len(cost) + 16)
     for j in range(len(q)):
-        best, best_at, travelled, i = np.inf, segment, 0.0, segment
-        while i <= last:
-            d = _distance(q[j], polyline[i], polyline[i + 1])
-            if d < best - 1e-9:
-                best, best_at = d, i
-            if i > segment:
-                travelled += np.sqrt(((polyline[i + 1] - polyline[i]) ** 2).sum())
-            if travelled > reach_mm and i > segment + 1 and (best <= lost_mm or i > segment + LOST_SEGMENTS):
-                break
+        kept, least, best, best_at, ahead, i = len(cost), np.inf, np.inf, first, 0.0, 0
+        while first + i <= last:
+            if i < kept:
+                least = min(least, cost[i])
+            else:
+                ahead += length[first + i - 1]
+                if ahead - length[first + i - 1] > reach_mm and i > kept and (best <= keep_mm or i > LOST_SEGMENTS):
+                    break
+            if i == len(following):
+                following = np.append(following, np.empty(len(following)))
+            off = _distance(q[j], polyline[first + i], polyline[first + i + 1])
+            following[i] = max(least, off)
+            if following[i] < best - 1e-9:
+                best, best_at = following[i], first + i
             i += 1
-        distance[j], match[j] = best, best_at
-        segment = best_at
-    return distance, match
+        bound = max(best, keep_mm) + 1e-9
+        low, high = 0, i - 1
+        while following[low] > bound:
+            low += 1
+        while following[high] > bound:
+            high -= 1
+        cost = following[low : high + 1].copy()
+        first += low
+        worst[j], match[j] = best, best_at
+    return first, cost
+
+
+class Follower:
+    """Matches samples, taken in any number of portions, to a polyline: never backwards, and as well as can be.
+
+    All places at which a sample may be on the polyline are kept, each with the largest distance on the best way
+    there (the Frechet distance, computed forwards). So neither a path that crosses or repeats itself nor a narrow
+    spike misleads it.
+    """
+
+    def __init__(self, polyline: F8, reach_mm: float, keep_mm: float, segment: int = 0) -> None:
+        """Follow ``polyline`` f8[P, A] from ``segment`` on.
+
+        reach_mm: how far ahead on the polyline the next sample may be, at least what it can travel in a step.
+        keep_mm: a distance that is usual; only where all are farther does a worse one remain, and then the sample is
+        looked for on all that follows.
+        """
+        self._polyline, self._reach_mm, self._keep_mm = polyline, reach_mm, keep_mm
+        self._length = np.sqrt(((polyline[1:] - polyline[:-1]) ** 2).sum(axis=1))
+        self._first, self._cost = segment, np.zeros(1)
+
+    def take(self, q: F8) -> tuple[F8, Index]:
+        """Largest distance so far f8[N] and the likeliest segment i8[N] of each of the next samples f8[N, A]."""
+        worst, match = np.empty(len(q)), np.empty(len(q), dtype=np.intp)
+        self._first, self._cost = _advance(
+            q, self._polyline, self._length, self._first, self._cost, self._reach_mm, self._keep_mm, worst, match
+        )
+        return worst, match
+
+
+def follow(q: F8, polyline: F8, segment: int, reach_mm: float, keep_mm: float) -> tuple[F8, Index]:
+    """What a ``Follower`` says of all samples ``q`` f8[N, A] at once."""
+    return Follower(polyline, reach_mm, keep_mm, segment).take(q)
 
 
 @njit(cache=True)

@@ -1,7 +1,7 @@
 """Measure a trajectory against the programmed path and against its limits, by sampling.
 
-The programmed path is a fine polyline of the moves; samples follow it segment by segment, so a path that crosses
-itself is not taken for another part of itself.
+The programmed path is a fine polyline of the moves, which the samples follow in order, so a path that crosses itself
+is not taken for another part of itself.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def grid(duration_s: float, step_s: float) -> Iterator[F8]:
 
 def measure(trajectory: Trajectory, moves: Moves, velocity: F8, acceleration: F8, step_s: float = 1e-4) -> Measured:
     """Deviation, vertex miss and limits of a trajectory at ``step_s`` and at all junctions."""
-    from planner.follow import follow, passes
+    from planner.follow import Follower, passes
 
     polyline, vertex = programmed(moves, trajectory.axes)
     target = polyline[vertex]
@@ -78,14 +78,13 @@ def measure(trajectory: Trajectory, moves: Moves, velocity: F8, acceleration: F8
         polyline = np.concatenate([polyline, polyline + 1e-12])
     near = np.concatenate([[0.0], np.where(moves.mode < MODE_CONTINUOUS, 0.0, moves.tolerance_mm)]) * NEAR + NEAR_MM
     near[[0, -1]] = NEAR_MM
-    lost = 0.9 * float(moves.tolerance_mm.min())
-    worst, segment, at = 0.0, 0, 0
+    worst, at = 0.0, 0
     reach = max(REACH_MM, 2 * float(np.linalg.norm(velocity)) * step_s)
+    follower = Follower(polyline, reach, float(near.max()))
     v_most, a_most, j_most = np.zeros(len(velocity)), np.zeros(len(velocity)), np.zeros(len(velocity))
     for t in grid(trajectory.duration_s, step_s):
         q = trajectory.q(t)
-        distance, match = follow(q, polyline, segment, reach, lost)
-        worst, segment = max(worst, float(distance.max())), int(match[-1])
+        worst = float(follower.take(q)[0][-1])
         at = passes(q, target, at, near, bool(t[-1] >= trajectory.duration_s), miss)
         v_most = np.maximum(v_most, np.abs(trajectory.v(t)).max(axis=0))
         a = trajectory.a(t)

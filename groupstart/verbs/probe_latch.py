@@ -48,7 +48,7 @@ def command(
     from groupstart.stopflag import StopFlag
     from machines.commission import at_work
     from machines.latchprobe import TRIALS
-    from machines.probing import place_of, probe_motor
+    from machines.probing import probe_motor
 
     described = open_machine(machine)
     config = described.config
@@ -56,7 +56,7 @@ def command(
     ask_consent(config, port, yes, _warning(config, wanted, amplifier_off))
     found: list[Probed] = []
     with told_in_words(), StopFlag() as stop, at_work(config, port, seed) as connection:
-        place = place_of(connection, port, seed)
+        place = connection.place
         for motor in wanted:
             with click.progressbar(length=TRIALS, label=f"motor {motor}", file=sys.stderr) as bar:
                 one = probe_motor(

@@ -76,6 +76,9 @@ def test_a_shipped_machine_is_not_written(cli: Cli) -> None:
         (("probe-latch", "-m", "mill3-servo"), 1, "no motor is on a PIC-STEP"),
         (("probe-latch", "--port", "/dev/null/none"), 1, "say --yes"),
         (("probe-latch", "--port", "/dev/null/none", "--yes"), 2, "cannot open"),
+        (("calibrate", "A"), 1, "X, Y, Z"),
+        (("calibrate", "--port", "/dev/null/none"), 1, "say --yes"),
+        (("calibrate", "--seconds", "1"), 2, "--seconds"),
         (("tune", "X"), 1, "it has no PIC-SERVO"),
         (("tune", "A", "-m", "mill3-servo"), 1, "X, Y, Z"),
         (("tune", "X", "-m", "mill3-servo", "--write"), 1, "copy it"),
@@ -117,3 +120,19 @@ def test_tune_prints_and_draws_the_step_and_writes_only_when_told(tmp_path: Path
     assert table.chip == "pic-servo"
     assert (table.servo.kp, table.servo.kd) == (found["kp"], found["kd"])
     assert f"kp = {found['kp']}  # weak" in after
+
+
+def test_calibrate_measures_and_remembers(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path, "mill3-mixed")
+    answer = cli("calibrate", "-m", str(path), "Z", "Y", "--seconds", "5", "--json")
+    assert answer.status == 0
+    found = {item["motor"]: item for item in map(json.loads, answer.out.splitlines())}
+    assert list(found) == ["Z", "Y"]
+    machine = read_machine(str(path)).config
+    for motor, item in found.items():
+        crystal = machine.axis[motor].crystal  # type: ignore[union-attr]
+        assert crystal is not None
+        assert abs(crystal.ppm - item["ppm"]) < 0.01
+        assert crystal.within_ppm < 40
+        assert crystal.measured_on == "twin, seed 1"
+    assert machine.axis["X"].crystal is None  # type: ignore[union-attr]

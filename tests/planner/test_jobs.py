@@ -8,7 +8,7 @@ from benchmarks.planning_jobs import LIMIT_II_S, text
 from gcode.interp import interpret
 from gcode.setup import Setup
 from planner.constraints import constraints_of
-from planner.follow import follow
+from planner.follow import Follower
 from planner.live import live
 from planner.measure import measure
 from planner.plan import plan, windows
@@ -76,14 +76,12 @@ def test_random_holds_resumes_and_overrides(programs, plans, job):
     line = q[np.concatenate([[True], np.linalg.norm(np.diff(q, axis=0), axis=1) > 1e-7])]
     rng = np.random.default_rng(11)
     t = live(programs[job], LIMITS, start=START, moves=500)
-    now, checked_to, segment = 0.0, 0.0, 0
+    now, checked_to, follower = 0.0, 0.0, Follower(line, 0.5, 1e-3)
     for _ in range(25):
         now += rng.uniform(0.01, 0.6)
         moments = np.arange(checked_to, now, 1e-3)
         checked_to = now
-        off, match = follow(t.q(moments), line, segment, 0.5, 1e-3)
-        assert off.max() < 1e-3
-        segment = int(match[-1])
+        assert follower.take(t.q(moments))[0].max(initial=0.0) < 1e-3
         assert (np.abs(t.v(moments)).max(axis=0) <= LIMITS.velocity * 1.0001).all()
         assert (np.abs(t.a(moments)).max(axis=0) <= LIMITS.acceleration * 1.0001).all()
         if rng.random() < 0.5:
