@@ -18,6 +18,7 @@ from gcode.interp import interpret
 from gcode.setup import Setup
 from gcode.source import split_lines
 from machines.cy545 import cy545_tables
+from machines.outputs_plan import drives_anything, followed, output_diagnostics, with_waits
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
 from machines.usercommands import numbers
@@ -56,9 +57,12 @@ def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Jo
     result = interpret(text, setup)
     found = tuple(result.diagnostics)
     commands = tuple(result.commands)
+    if config is not None:
+        found = tuple(followed(found, config))
     if config is not None and not any(item.severity == "error" for item in found):
         found += tuple(travel_diagnostics(commands, travel(config), text, setup))
         found += tuple(_interpolated(commands, config, text, setup))
+        found += tuple(output_diagnostics(commands, config, text, setup.file))
     return Job(setup.file, text, commands, found, setup.start, (result.dialect, result.dialect_reason))
 
 
@@ -67,9 +71,17 @@ def plan_job(job: Job, config: MachineConfig, solver: Solver = "auto") -> Plan:
     limits = planner_limits(config)
     start = np.array([job.start[AXES.index(axis)] for axis in limits.axes])
     alone = indexers(config)
+    commands = planned_commands(job, config)
     if alone:
-        return plan_indexed(job.commands, limits, alone, start=start, solver=solver)
-    return plan(job.commands, limits, start=start, solver=solver)
+        return plan_indexed(commands, limits, alone, start=start, solver=solver)
+    return plan(commands, limits, start=start, solver=solver)
+
+
+def planned_commands(job: Job, config: MachineConfig) -> Sequence[Command | MoveBlock]:
+    """The commands as they are planned: with the rests that spindle and outputs of the machine need."""
+    if not drives_anything(config):
+        return job.commands
+    return list(with_waits(job.commands, config, job.start))
 
 
 def plan_diagnostic(error: PlanError, job: Job) -> Diagnostic:

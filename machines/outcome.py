@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from machines.outputs_events import Switched
 from machines.ratecontrol import HoldRecord
 
 
@@ -46,3 +47,5 @@ class Outcome:
     statistics: StreamStatistics = field(default_factory=StreamStatistics)
     holds: tuple[HoldRecord, ...] = ()
     retimed: bool = False
+    switched: tuple[Switched, ...] = ()
+    """What was said to spindle, coolant and outputs."""

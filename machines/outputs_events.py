@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from gcode.canon import Coolant, Dwell, Output, Spindle
 from machines.outputs import Panel, panel_of
+from machines.outputs_plan import switch_rest_s
 from machines.schema import MachineConfig
 from machines.spindle import SpindleDrive, change_s, wanted_rpm
 from machines.spindle_watch import SpindleWatch
@@ -56,6 +57,9 @@ class Due:
     make: Callable[[], Exchange]
     line: int
     bus: int
+    data_bytes: int = LOAD_BYTES
+    in_motion: bool = False
+    """It belongs to an instant of a motion and may be a little early; otherwise never: the axes have to rest."""
 
 
 def _nothing(*_told: Any, **_more: Any) -> None:
@@ -70,6 +74,8 @@ class Rig:
     drive: SpindleDrive | None
     watch: SpindleWatch | None
     timings: Sequence[BusTiming]
+    switch_rest_ns: int
+    """How long the plan rests for an output that is switched while the axes stand."""
     tell: Callable[..., None] = _nothing
     """Told of what was said and of what the spindle does: ``tell(event, time_ns, **fields)``."""
     wanted: dict[str, float] = field(default_factory=dict)
@@ -112,7 +118,7 @@ def rig_of(config: MachineConfig, simulated: bool) -> Rig:
     if table is not None:
         bus = panel.switches["spindle on"].bus if table.bus is None else list(nmc_buses(config)).index(table.bus)
         drive = SpindleDrive(table, panel, bus, timings[bus])
-    rig = Rig(panel, drive, None, timings)
+    rig = Rig(panel, drive, None, timings, round(switch_rest_s(config) * NS_PER_S))
     if drive is not None:
         rig.watch = SpindleWatch(drive, rig.notify)
     return rig
@@ -157,15 +163,18 @@ class Timetable:
     def _dues(self, number: int, event: Event, at_ns: Callable[[], int] | None = None) -> list[Due]:
         command = event.command
         at_ns = at_ns or partial(self._at_ns, number)
+        middle_ns = partial(_later, at_ns, self.rig.switch_rest_ns // 2)
         if isinstance(command, Coolant):
             states = (("flood", command.flood), ("mist", command.mist))
-            return [due for name, on in states for due in self.switch(name, float(on), at_ns, command.line)]
+            return [due for name, on in states for due in self.switch(name, float(on), middle_ns, command.line)]
         if isinstance(command, Output):
             name = f"{'analog' if command.analog else 'output'} {command.index}"
             if command.synchronised and not self._motion_follows(number):
                 return []
-            motion = partial(self._motion_ns, number) if command.synchronised else at_ns
-            return self.switch(name, command.value, motion, command.line)
+            if not command.synchronised:
+                return self.switch(name, command.value, middle_ns, command.line)
+            found = self.switch(name, command.value, partial(self._motion_ns, number), command.line)
+            return [replace(due, in_motion=True) for due in found]
         if isinstance(command, Spindle) and self.rig.drive is not None:
             return self._spindle(command, event.time_s, at_ns)
         return []
@@ -183,7 +192,9 @@ class Timetable:
         if rig.wanted.get(name, 0.0) == value:
             return []
         rig.wanted[name] = value
-        return [Due(name, value, at_ns, rig.lead_ns(pin.bus, pin.chip, SWITCH_BYTES), make, line, pin.bus)]
+        return [
+            Due(name, value, at_ns, rig.lead_ns(pin.bus, pin.chip, SWITCH_BYTES), make, line, pin.bus, SWITCH_BYTES)
+        ]
 
     def _spindle(self, command: Spindle, time_s: float, at_ns: Callable[[], int]) -> list[Due]:
         drive, watch = self.rig.drive, self.rig.watch
@@ -205,9 +216,10 @@ class Timetable:
         assert drive is not None
         pins = drive.table.drive == "output"
         chip = self.rig.panel.switches["spindle on"].chip if pins else picservo.FACTS.name
-        lead_ns = self.rig.lead_ns(drive.bus, chip, SWITCH_BYTES if pins else LOAD_BYTES)
+        data_bytes = SWITCH_BYTES if pins else LOAD_BYTES
+        lead_ns = self.rig.lead_ns(drive.bus, chip, data_bytes)
         return [
-            Due("spindle", rpm, partial(_later, at_ns, offset_ns), lead_ns, make, line, drive.bus)
+            Due("spindle", rpm, partial(_later, at_ns, offset_ns), lead_ns, make, line, drive.bus, data_bytes)
             for offset_ns, make in drive.change(rpm)
         ]
 

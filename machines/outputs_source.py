@@ -67,7 +67,6 @@ class OutputsSource:
         self._followed_ns = 0
         self._line = 0
         timing = rig.timings[poll.bus]
-        self._room_ns = timing.worst_ns(LOAD_BYTES, POSITION_BYTES)
         self._half_ns = timing.mean_exchange_ns(LOAD_BYTES) // 2
 
     def recall(self) -> None:
@@ -87,11 +86,11 @@ class OutputsSource:
         if self._held is None:
             return self._afterwards(now_ns)
         begin_ns = max(self._held.send_at_ns, now_ns)
-        latest_ns = begin_ns - self._room_ns
-        if latest_ns >= now_ns:
-            due = self._first(begin_ns + self._half_ns)
-            if due is not None:
-                return self._say(due, min(max(self._send_ns(due), now_ns), latest_ns))
+        due = self._first(begin_ns + self._half_ns) if begin_ns > now_ns else None
+        if due is not None:
+            send_ns, latest_ns = max(self._send_ns(due), now_ns), begin_ns - self._room_ns(due)
+            if latest_ns >= now_ns and (due.in_motion or send_ns <= latest_ns):
+                return self._say(due, min(send_ns, latest_ns))
         held, self._held = self._held, None
         return held
 
@@ -128,6 +127,11 @@ class OutputsSource:
             self._followed_ns = send_ns
         self._mine = due
         return replace(due.make(), send_at_ns=send_ns, line=due.line)
+
+    def _room_ns(self, due: Due) -> int:
+        """Longest time that an exchange takes."""
+        bytes_out, bytes_in = (1, POSITION_BYTES) if due.name == POLL else (due.data_bytes, 0)
+        return self._rig.timings[due.bus].worst_ns(bytes_out, bytes_in)
 
     def _send_ns(self, due: Due) -> int:
         return due.at_ns() - due.lead_ns

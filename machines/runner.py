@@ -14,6 +14,7 @@ from machines.job import Job
 from machines.judge import judge
 from machines.load import MachineFile
 from machines.outcome import Outcome, StreamStatistics
+from machines.outputs_judge import with_outputs_judged
 from machines.parts import Part, parts_of, request
 from machines.programmed import programmed_path
 from machines.session import Note, Session, SessionError
@@ -109,6 +110,7 @@ def perform(
     programmed = programmed_path(job.commands, planned_axes(config), job.start)
     counts = simulation.log.counts() if simulation else {}
     verdict = judge(config, plan, outcome, trace, counts, programmed)
+    verdict = with_outputs_judged(verdict, config, outcome.switched, trace, outcome.plan_start_ns)
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
 
 

@@ -197,6 +197,7 @@ class Session:
             statistics=statistics,
             holds=streamed.holds,
             retimed=streamed.retimed,
+            switched=tuple(self.connection.rig.said) if self.connection.rig is not None else (),
         )
 
     def _slice_ms(self, loads: int, plan_start_ns: int) -> float:

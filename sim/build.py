@@ -18,7 +18,7 @@ from sim.module import NmcModule
 from sim.picio import PicIo
 from sim.picstep import PicStep
 from sim.spec import BusSpec, IoModule, Module, ServoModule, SimOptions, StepModule
-from sim.trace import BusLog, Trace, collect
+from sim.trace import BusLog, Trace, collect, with_pins
 from sim.violations import Incident, Log, Violation
 from sim.world import World
 
@@ -94,7 +94,8 @@ class Simulation:
         motors = [name for name in self.modules if name in steppers or name in servos] + list(self.indexers)
         runs = {name: m.runs for name, m in steppers.items()} | {name: i.runs for name, i in self.indexers.items()}
         slips = {name: m.slips for name, m in steppers.items()}
-        return collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs, slips)
+        trace = collect(motors, runs, {name: m.samples for name, m in servos.items()}, self.bus_logs, slips)
+        return with_pins(trace, self.log.outputs)
 
 
 def build(buses: Sequence[BusSpec | Cy545Port], seed: int, options: SimOptions | None = None) -> Simulation:

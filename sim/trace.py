@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from sim.clock import ChipClock
 from sim.spool import LIMIT, Spool
+from sim.violations import OutputChange
 
 IntArray = npt.NDArray[Any]
 
@@ -37,6 +38,8 @@ _FIELDS = {
 }
 _SLIPS = {"slip_axis": "u1", "slip_ns": "i8", "slip_steps": "i4"}
 """Where mechanics and pulses part; in no file before there were any."""
+_PINS = {"pin_index": "u1", "pin_ns": "i8", "pin_value": "i4"}
+"""Changes of output pins; in no file where none has changed."""
 
 
 class StepRuns:
@@ -138,7 +141,8 @@ class Trace:
     (+1 or -1), start_steps i8[A], steps_per_unit f8[A]; servo_axis u1[S], servo_ns i8[S], servo_command i4[S],
     servo_position i4[S], counts_per_unit f8[A]; bus_ns i8[B], bus_line u1[B] (2 * bus + 0 host, 1 status),
     bus_byte u1[B]; plan_start_ns: trace time at which the plan has its time 0. slip_axis u1[K], slip_ns i8[K],
-    slip_steps i4[K]: steps (signed) by which a motor slipped, which its pulses do not show.
+    slip_steps i4[K]: steps (signed) by which a motor slipped, which its pulses do not show. pin_names: output pins as
+    ``module.pin``; pin_index u1[P], pin_ns i8[P], pin_value i4[P]: their changes, level 0 or 1, or PWM -255 to 255.
     """
 
     axes: tuple[str, ...]
@@ -161,6 +165,10 @@ class Trace:
     slip_axis: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
     slip_ns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     slip_steps: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    pin_names: tuple[str, ...] = ()
+    pin_index: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    pin_ns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    pin_value: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def save(
         self,
@@ -182,7 +190,10 @@ class Trace:
             ),
             plan_start_ns=self.plan_start_ns if plan_start_ns is None else plan_start_ns,
         )
-        arrays = {name: getattr(full, name) for name in (*_FIELDS, *(_SLIPS if len(full.slip_ns) else ()))}
+        rare = (*(_SLIPS if len(full.slip_ns) else ()), *(_PINS if len(full.pin_ns) else ()))
+        arrays = {name: getattr(full, name) for name in (*_FIELDS, *rare)}
+        if len(full.pin_ns):
+            arrays["pin_names"] = np.array(full.pin_names, dtype=np.str_)
         np.savez(
             path,
             allow_pickle=False,
@@ -205,10 +216,11 @@ class Trace:
 def load(path: str | Path) -> Trace:
     """Read a ``trace.npz``. Raises OSError or KeyError if it is not one."""
     with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in (*_FIELDS, *_SLIPS) if name in _FIELDS or name in file}
+        arrays = {name: file[name] for name in (*_FIELDS, *_SLIPS, *_PINS) if name in _FIELDS or name in file}
         return Trace(
             axes=tuple(str(a) for a in file["axes"]),
             plan_start_ns=int(file["plan_start_ns"]),
+            pin_names=tuple(str(name) for name in file["pin_names"]) if "pin_names" in file else (),
             **arrays,
         )
 
@@ -261,3 +273,16 @@ def _add_runs(step: dict[str, list[npt.NDArray[np.generic]]], number: int, runs:
     step["run_period_ns"].append(period * clock.span_ns(1))
     step["run_count"].append(count)
     step["run_dir"].append(direction)
+
+
+def with_pins(trace: Trace, changes: Sequence[OutputChange]) -> Trace:
+    """The trace with the changes of output pins, in order of time."""
+    names = sorted({f"{change.module}.{change.pin}" for change in changes})
+    ordered = sorted(changes, key=lambda change: change.time_ns)
+    return replace(
+        trace,
+        pin_names=tuple(names),
+        pin_index=np.array([names.index(f"{change.module}.{change.pin}") for change in ordered], np.uint8),
+        pin_ns=np.array([change.time_ns for change in ordered], np.int64),
+        pin_value=np.array([change.value for change in ordered], np.int32),
+    )

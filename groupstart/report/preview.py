@@ -15,7 +15,7 @@ from gcode.canon import AXES, ORIGIN, Command, Dwell, Feed, MoveBlock, Position
 from groupstart.report.compose import compose
 from groupstart.report.pathcolumns import PathColumns, path_columns
 from groupstart.report.pathpage import MOST_SAMPLES, PageInput, path_blocks, path_facts
-from machines.job import Job, plan_job
+from machines.job import Job, plan_job, planned_commands
 from machines.load import MachineFile
 from machines.wiring import planner_limits
 from planner.jerk import FilteredTrajectory
@@ -61,7 +61,7 @@ def window_parts(job: Job, machine: MachineFile) -> Iterator[tuple[float, PathTr
     start = np.array([job.start[AXES.index(axis)] for axis in limits.axes])
     setting = setting_of(limits, start)
     begin_s = 0.0
-    for timed in windows(job.commands, limits, start=start, moves=WINDOW_MOVES):
+    for timed in windows(planned_commands(job, machine.config), limits, start=start, moves=WINDOW_MOVES):
         trajectory = trajectory_of(timed, setting)
         path = trajectory.base if isinstance(trajectory, FilteredTrajectory) else trajectory
         if path.duration_s > 0:

@@ -18,6 +18,7 @@ ROUTER = ("-m", str(EXAMPLES / "machines" / "router.toml"))
 PROGRAMS = [
     pytest.param("01_compass.nc", (*MILL,), id="compass"),
     pytest.param("03_index.nc", ("-m", "mill3-indexer"), id="index"),
+    pytest.param("04_spindle.nc", ("-m", "mill3-spindle"), id="spindle"),
     pytest.param("corpus/gcodehs/sample.gcode", (*MILL,), id="pcb2gcode"),
     pytest.param("corpus/gcodehs/sample.gcode", ("-m", "mill3-servo"), id="pcb2gcode-servo"),
     pytest.param("corpus/gcodehs/sample.gcode", ("-m", "mill3-mixed"), id="pcb2gcode-mixed"),
