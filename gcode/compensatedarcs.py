@@ -17,6 +17,10 @@ def arc_move(
     """G2 or G3 under compensation; ``programmed`` is where the programmed arc begins."""
     if compensation.first:
         _entry(machine, compensation, end, center, turns)
+    elif compensation.contour is not None:
+        feed = machine.emit.path_feed_mm_s()
+        compensation.contour.arc(programmed, list(end), center, turns, feed)
+        machine.state.position = compensation.contour.beside(end)
     else:
         _next(machine, compensation, end, center, turns, programmed)
     compensation.programmed = list(end)

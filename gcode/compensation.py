@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gcode.arcgeometry import Point, tool_inside
 from gcode.block import Block
@@ -20,6 +21,9 @@ from gcode.errors import GcodeError
 from gcode.machine import Machine
 from gcode.pending import Pending, Queue
 from gcode.setup import Tool
+
+if TYPE_CHECKING:
+    from gcode.trimming import TrimQueue
 
 CORNER = 0.05
 """rad: corners flatter than this are no corners."""
@@ -31,12 +35,16 @@ SHIFT_SECOND = {2: -1, 6: -1, 1: -1, 3: 1, 8: 1, 4: 1}
 
 @dataclass(slots=True)
 class Compensation:
-    """Compensation while it is on. ``side``: +1 left, -1 right. ``programmed``: the end of the last programmed move."""
+    """Compensation while it is on. ``side``: +1 left, -1 right. ``programmed``: the end of the last programmed move.
+
+    ``contour``: the queue once more, where it holds the whole contour to trim it.
+    """
 
     side: int
     radius: float
     orientation: int
     queue: Queue
+    contour: TrimQueue | None = None
     first: bool = True
     programmed: list[float] | None = None
 
@@ -59,7 +67,13 @@ def switch_on(machine: Machine, block: Block) -> None:
     if state.plane == 180:
         shift = (radius * SHIFT_FIRST.get(orientation, 0), radius * SHIFT_SECOND.get(orientation, 0))
     machine.emit.comment(f"interpreter: cutter radius compensation on {'left' if side > 0 else 'right'}")
-    machine.compensation = Compensation(side, radius, orientation, Queue(machine.emit, axes, shift))
+    if machine.setup.trim_concave and radius > 0.0:
+        from gcode.trimming import TrimQueue
+
+        contour = TrimQueue(machine.emit, axes, shift, tool=radius, side=side, warn=machine.warn)
+        machine.compensation = Compensation(side, radius, orientation, contour, contour)
+    else:
+        machine.compensation = Compensation(side, radius, orientation, Queue(machine.emit, axes, shift))
     state.compensation = code
 
 
@@ -102,6 +116,10 @@ def straight_move(machine: Machine, block: Block, compensation: Compensation, mo
         raise GcodeError("GC090", "G53 under cutter compensation", "end it with G40 and a move first", "G53")
     if compensation.first:
         _entry(machine, compensation, motion, end)
+    elif compensation.contour is not None:
+        kind = "rapid" if motion == 0 else "feed"
+        compensation.contour.straight(kind, programmed(compensation), list(end), machine.emit.path_feed_mm_s())
+        machine.state.position = compensation.contour.beside(end)
     else:
         _next(machine, compensation, motion, end)
     compensation.programmed = list(end)
@@ -128,6 +146,8 @@ def _entry(machine: Machine, compensation: Compensation, motion: int, end: list[
             "motion",
         )
     alpha = math.atan2(goal[1] - here[1], goal[0] - here[0]) + compensation.side * math.pi / 2.0
+    if compensation.contour is not None:  # square to the tool's own way, so that it does not pass the corner too near
+        alpha += compensation.side * math.asin(radius / math.dist(goal, here))
     compensation.queue.start = here
     beside = list(end)
     beside[first] += radius * math.cos(alpha)
@@ -143,8 +163,7 @@ def _next(machine: Machine, compensation: Compensation, motion: int, end: list[f
     first, second, _ = queue.axes
     state = machine.state
     here: Point = (state.position[first], state.position[second])
-    assert compensation.programmed is not None
-    corner: Point = (compensation.programmed[first], compensation.programmed[second])
+    corner = programmed(compensation)
     goal: Point = (end[first], end[second])
     direction: Point = (goal[0] - corner[0], goal[1] - corner[1])
     beside = list(end)
@@ -182,6 +201,13 @@ def _next(machine: Machine, compensation: Compensation, motion: int, end: list[f
         queue.start = here
     _hold(machine, compensation, motion, beside, direction)
     state.position = beside
+
+
+def programmed(compensation: Compensation) -> Point:
+    """Where the programmed path is now, in the plane."""
+    first, second, _ = compensation.queue.axes
+    assert compensation.programmed is not None
+    return compensation.programmed[first], compensation.programmed[second]
 
 
 def _line_to_line(compensation: Compensation, here: Point, theta: float, beta: float) -> Point:

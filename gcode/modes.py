@@ -42,6 +42,8 @@ def set_plane(machine: Machine, block: Block) -> None:
 def set_units(machine: Machine, block: Block) -> None:
     """G20 and G21."""
     inch = block.g[UNITS] == 200
+    if inch != (machine.state.unit_mm != 1.0):
+        refuse_under_compensation(machine, "a change of units")
     machine.state.convert_units(25.4 if inch else 1.0)
     machine.emit.frame_change(f"USE_LENGTH_UNITS(CANON_UNITS_{'INCHES' if inch else 'MM'})")
 

@@ -78,13 +78,14 @@ def _store_shift(machine: Machine) -> None:
 
 def apply_axis_offset(machine: Machine, block: Block) -> None:
     """G92.1 (off, forgotten), G92.2 (off, kept in 5211 to 5219) and G92.3 (on again from there)."""
-    refuse_under_compensation(machine, "G92")
     code = block.g[G92_APPLIED]
     state, values = machine.state, machine.parameters.values
     if code == 923:
         shift = [state.from_machine_units(values.get(5211 + axis, 0.0), axis) for axis in range(9)]
     else:
         shift = nine()
+    if shift != state.shift:
+        refuse_under_compensation(machine, g_name(code))
     for axis in range(9):
         state.position[axis] += state.shift[axis] - shift[axis]
     state.shift = shift

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from gcode.arcgeometry import Point, swept
-from gcode.canon import Command
 from gcode.emit import Emitter
 from gcode.errors import GcodeError
 
@@ -36,12 +36,15 @@ class Pending:
 
 @dataclass(slots=True)
 class Queue:
-    """Held moves and, behind each, the commands that wait for it. ``start``: where the first held move begins."""
+    """Held moves (``Pending``) and, behind each, the commands that wait for it.
+
+    ``start``: where the first held move begins.
+    """
 
     emit: Emitter
     axes: tuple[int, int, int] = (0, 1, 2)
     lathe_shift: tuple[float, float] = (0.0, 0.0)
-    moves: list[Pending | Command] = field(default_factory=list)
+    moves: list[Any] = field(default_factory=list)
     start: Point | None = None
 
     def hold(self, move: Pending) -> None:

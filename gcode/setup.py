@@ -41,6 +41,7 @@ class Setup:
     axes: the axes that the machine has. block_delete: the switches that are on (1 is ``/``).
     file: the name in diagnostics. include: folders of subprogram files. ini: what ``#<_ini[section]name>`` reads.
     user_commands: the M100 to M199 that the machine has; None where no machine is known (then any is taken).
+    trim_concave: a path under cutter compensation is trimmed where the tool does not fit, instead of refused.
     max_errors: a check ends after so many. max_steps: a run ends after so many lines of compiled loops, or a tenth of
     it of other lines.
     """
@@ -56,6 +57,7 @@ class Setup:
     file: str = "<program>"
     include: tuple[str, ...] = ()
     user_commands: frozenset[int] | None = None
+    trim_concave: bool = False
     max_errors: int = 100
     max_steps: int = 100_000_000
     ini: ConfigParser | None = None

@@ -14,7 +14,8 @@ def stop(machine: Machine, block: Block) -> None:
     """M0, M1, M60, M2, M30, and M99 of a main program."""
     code = block.m[STOPPING]
     emit = machine.emit
-    flush(machine)
+    if code not in {0, 1, 60} or machine.compensation is None or machine.compensation.contour is None:
+        flush(machine)  # a pause inside a contour that may be trimmed keeps its place between the moves
     if code == 60:
         emit.text("PALLET_SHUTTLE()")
     if code in {0, 1, 60}:

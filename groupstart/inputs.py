@@ -77,6 +77,7 @@ def program_setup(file: str, choices: ProgramChoices) -> Setup:
         file=file,
         include=(*include, str(Path(file).parent)),
         ini=values,
+        trim_concave=choices.trim_concave,
     )
 
 

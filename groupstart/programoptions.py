@@ -28,6 +28,7 @@ class ProgramChoices:
     parameters: str | None = None
     include: tuple[str, ...] = ()
     ini: str | None = None
+    trim_concave: bool = False
 
 
 _OPTIONS = (
@@ -43,6 +44,11 @@ _OPTIONS = (
     click.option("--parameters", type=click.Path(), help="Parameter file in LinuxCNC's format."),
     click.option("--include", multiple=True, type=click.Path(), help="Folder of subprogram files; may be repeated."),
     click.option("--ini", type=click.Path(), help="LinuxCNC ini: parameter file, subroutine path, #<_ini[...]>."),
+    click.option(
+        "--trim-concave",
+        is_flag=True,
+        help="Cutter compensation: trim the path where the tool does not fit, instead of refusing it.",
+    ),
     click.option(
         "--machine-units",
         type=click.Choice(["mm", "inch"]),
