@@ -91,6 +91,7 @@ class Stream:
         self._maybe_closed = False
         self._templates: Templates | None = None
         self._expressions = 0
+        self._columns_begun = False
 
     def steps(self) -> Iterator[int]:
         """Executes the program; yields after every line or run, so that what it gave can be taken.
@@ -113,8 +114,11 @@ class Stream:
         import numpy as np
 
         from gcode.blockpath import MIN_RUN
-        from gcode.columns import tabulate
+        from gcode.columns import keep_freed_memory, tabulate
 
+        if not self._columns_begun:
+            self._columns_begun = True
+            keep_freed_memory()
         table = tabulate(chunk)
         count = len(table.plain)
         edges = np.flatnonzero(np.diff(table.plain)) + 1
