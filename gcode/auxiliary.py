@@ -28,7 +28,7 @@ def set_spindle_mode(machine: Machine, block: Block) -> None:
     state.spindle_mode = code
     if code == 970:
         state.spindle_limit_rpm = math.inf
-        if followed:
+        if followed and "s" not in block.words:
             machine.emit.spindle("SET_SPINDLE_MODE(0 0.0000)")  # S is a speed in rpm from here on
         else:
             machine.emit.text("SET_SPINDLE_MODE(0 0.0000)")

@@ -16,9 +16,9 @@ import numpy as np
 
 from gcode.canon import Coolant, Dwell, Output, Spindle
 from machines.outputs import Panel, panel_of
-from machines.outputs_plan import switch_rest_s
+from machines.outputs_plan import switch_rest_s, wait_s
 from machines.schema import MachineConfig
-from machines.spindle import SpindleDrive, change_s, wanted_rpm
+from machines.spindle import SpindleDrive, wanted_rpm
 from machines.spindle_watch import SpindleWatch
 from machines.wiring import bus_timing, nmc_buses
 from nmc.budget import BusTiming
@@ -80,6 +80,8 @@ class Rig:
     """Told of what was said and of what the spindle does: ``tell(event, time_ns, **fields)``."""
     wanted: dict[str, float] = field(default_factory=dict)
     """What every pin will stand at when all that is known has been said."""
+    spindle: Spindle | None = None
+    """The command that holds."""
     said: list[Switched] = field(default_factory=list)
 
     def notify(self, event: str, time_ns: int, **fields: Any) -> None:
@@ -134,8 +136,12 @@ class Timetable:
         self._planned = tuple(trajectory.events)
         self._duration_s = trajectory.duration_s
         self._next = 0
-        self.surface: Spindle | None = None
-        """The command that G96 follows, while it does."""
+
+    @property
+    def surface(self) -> Spindle | None:
+        """The command whose surface speed is followed, while one is."""
+        command = self.rig.spindle
+        return command if command is not None and command.surface_mm_s and command.direction else None
 
     def instant_ns(self, time_s: float) -> int:
         """Link time of a time of the plan."""
@@ -200,12 +206,13 @@ class Timetable:
         drive, watch = self.rig.drive, self.rig.watch
         assert drive is not None
         assert watch is not None
-        rpm = wanted_rpm(drive.table, command, self.x_mm(time_s))
-        self.surface = command if command.surface_mm_s and command.direction else None
+        x_mm = self.x_mm(time_s)
+        rpm = wanted_rpm(drive.table, command, x_mm)
+        wait_ns = round(wait_s(drive.table, self.rig.spindle, command, x_mm) * NS_PER_S)
+        self.rig.spindle = command
         watch.follows = self.surface is not None
-        wait_ns = round(change_s(drive.table, drive.said_rpm, rpm) * NS_PER_S)
-        if rpm == drive.said_rpm:
-            return []
+        if wait_ns == 0:
+            return []  # it turns so already, or G96 brings it there
         found = self.spindle_dues(rpm, at_ns, command.line)
         watch.began(at_ns, lambda: at_ns() + wait_ns, command.line)
         return found

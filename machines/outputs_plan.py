@@ -27,19 +27,25 @@ def with_waits(
     commands: Iterable[Command | MoveBlock], config: MachineConfig, start: Position
 ) -> Iterator[Command | MoveBlock]:
     """The commands with a dwell behind every change of the spindle's speed, and behind what is switched at rest."""
-    x_mm, rpm, rest_s = start[0], 0.0, switch_rest_s(config)
+    x_mm, rest_s = start[0], switch_rest_s(config)
+    present: Spindle | None = None
     for item in commands:
         yield item
         x_mm = _x_after(item, x_mm)
         seconds = 0.0
         if isinstance(item, Spindle) and config.spindle is not None:
-            wanted = wanted_rpm(config.spindle, item, x_mm)
-            seconds = change_s(config.spindle, rpm, wanted)
-            rpm = wanted
+            seconds = wait_s(config.spindle, present, item, x_mm)
+            present = item
         elif _switches_at_rest(item, config):
             seconds = rest_s
         if seconds > 0 and isinstance(item, Command):
             yield Dwell(item.line, seconds)
+
+
+def wait_s(table: SpindleTable, present: Spindle | None, command: Spindle, x_mm: float) -> float:
+    """How long the plan rests for a command at machine X ``x_mm``; ``present``: the one that holds until then."""
+    old_rpm = wanted_rpm(table, present, x_mm) if present is not None else 0.0
+    return change_s(table, old_rpm, wanted_rpm(table, command, x_mm))
 
 
 def switch_rest_s(config: MachineConfig) -> float:

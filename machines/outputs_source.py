@@ -64,7 +64,7 @@ class OutputsSource:
         self._mine: Due | None = None
         self._over = self._closed = False
         self._recalled = False
-        self._followed_ns = 0
+        self._now_ns = self._followed_ns = 0
         self._line = 0
         timing = rig.timings[poll.bus]
         self._half_ns = timing.mean_exchange_ns(LOAD_BYTES) // 2
@@ -75,6 +75,7 @@ class OutputsSource:
 
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
         """What is to be said next, of the motion or beside it."""
+        self._now_ns = now_ns
         self._take(evidence, now_ns)
         if self._held is None and not self._over:
             due = self._first(now_ns)
@@ -162,7 +163,7 @@ class OutputsSource:
         drive, watch, command = self._rig.drive, self._rig.watch, self.timetable.surface
         if drive is None or watch is None or command is None or watch.waits or not self._mine_to_say(drive.bus):
             return None
-        at_ns = max(self._followed_ns + FOLLOW_NS, self._start_ns())
+        at_ns = max(self._followed_ns + FOLLOW_NS, self._now_ns)
         if at_ns > until_ns:
             return None
         time_s = (at_ns + FOLLOW_NS // 2 - self._start_ns()) / 1e9
@@ -196,7 +197,7 @@ class OutputsSource:
         if not self._closes:
             return found
         if drive is not None and drive.said_rpm and self._mine_to_say(drive.bus):
-            timetable.surface = None
+            self._rig.spindle = None
             found += timetable.spindle_dues(0.0, lambda: now_ns, self._line)
         for name in ("flood", "mist"):
             found += timetable.switch(name, 0.0, lambda: now_ns, self._line)
