@@ -135,14 +135,14 @@ class Stream:
                         yield self.number
                     if at < last:
                         stops += 1
-                        yield from self._lines([_text(chunk, starts, at)])
+                        yield from self._lines(_texts(chunk, starts, at, at + 1))
                         at += 1
                         if self.run.machine.finished or last - at < MIN_RUN or not self._ready():
                             break
-            for index in range(at, last):
-                yield from self._lines([_text(chunk, starts, index)])
-                if self.run.machine.finished:
-                    return
+            if at < last:
+                yield from self._lines(_texts(chunk, starts, at, last))
+            if self.run.machine.finished:
+                return
 
     def _ready(self) -> bool:
         from gcode.blockpath import can_run
@@ -235,8 +235,11 @@ class Stream:
         return self.closed or self._maybe_closed
 
 
-def _text(chunk: bytes, starts: I8, index: int) -> str:
-    return chunk[starts[index] : starts[index + 1] - 1].decode("utf-8", "surrogateescape").rstrip("\r")
+def _texts(chunk: bytes, starts: I8, first: int, last: int) -> list[str]:
+    """The lines from ``first`` to before ``last``."""
+    text = chunk[starts[first] : starts[last] - 1].decode("utf-8", "surrogateescape")
+    lines = text.split("\n")
+    return [line.rstrip("\r") for line in lines] if "\r" in text else lines
 
 
 def plain_line(text: str, number: int, dialect: Dialect) -> tuple[Line | None, tuple[GcodeError, ...]]:
