@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,8 @@ class Conditions:
     servos: tuple[str, ...] = ()
     counts_per_mm: float = 400.0
     gains: tuple[int, int, int, int] = (400, 4800, 200, 4000)
+    known_ppm: float | None = None
+    """A calibration knows every crystal to plus or minus this, and is half of that off; None: nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,20 @@ def bring_up(axes: Sequence[str], conditions: Conditions) -> tuple[Simulation, B
     """One bus, one module an axis, started up, parameters or gains set, amplifiers on."""
     modules = tuple(module_of(name, conditions) for name in axes)
     simulation = build([BusSpec("main", modules, round(conditions.jitter_ms * 1e6))], conditions.seed)
-    return simulation, *start_bus(simulation.links[0], axes, conditions)
+    bus, motors = start_bus(simulation.links[0], axes, conditions)
+    return simulation, bus, calibrated(motors, simulation, conditions.known_ppm)
+
+
+def calibrated(motors: Sequence[Motor], simulation: Simulation, known_ppm: float | None) -> list[Motor]:
+    """The motors with what a calibration to ``known_ppm`` tells of them; streams allow for 5 ppm of drift more."""
+    if known_ppm is None:
+        return list(motors)
+    found: list[Motor] = []
+    for number, motor in enumerate(motors):
+        said_ppb = simulation.modules[motor.name].ppb + round((500 if number % 2 else -500) * known_ppm)
+        known = replace(motor, crystal_fast_ppb=said_ppb)
+        found.append(replace(known, crystal_ppm=round(known_ppm) + 5) if isinstance(known, StepMotor) else known)
+    return found
 
 
 def timing_of(conditions: Conditions) -> BusTiming:

@@ -1,6 +1,6 @@
 """How near the pins come to the path: every profile, every job, quiet and with a host that hesitates.
 
-    PYTHONPATH=. python benchmarks/streaming.py [--seeds 20] [--processes 2] [--only adaptive]
+    PYTHONPATH=. python benchmarks/streaming.py [--seeds 20] [--processes 2] [--only adaptive] [--calibrated 10]
 
 Prints contour errors in steps (steppers) or um (servos), worst over the seeds; ends, violations and bus share beside.
 The floor is the ideal stepping of the same path: every step on its rounding instant.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -127,6 +127,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", default="", help="only rows whose profile or label contains this")
+    parser.add_argument("--calibrated", type=float, metavar="PPM", help="every crystal is known to +/- PPM (calibrate)")
     options = parser.parse_args()
     print("floor, ideal stepping: max p99.9 rms, steps")
     for path in (*NAMED, "random 20 3", "random 60 3"):
@@ -136,6 +137,7 @@ def main() -> None:
     with ProcessPoolExecutor(options.processes) as pool:
         for case in cases(options.seeds):
             if options.only in case.profile or options.only in case.label:
+                case = replace(case, conditions=replace(case.conditions, known_ppm=options.calibrated))
                 jobs = [(case, seed) for seed in range(case.seeds)]
                 print(report(case, list(pool.map(run_one, jobs))), flush=True)
 
