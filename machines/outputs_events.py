@@ -58,6 +58,8 @@ class Due:
     line: int
     bus: int
     data_bytes: int = LOAD_BYTES
+    follows: bool = False
+    """It is one of many small changes of a speed."""
     in_motion: bool = False
     """It belongs to an instant of a motion and may be a little early; otherwise never: the axes have to rest."""
 
@@ -226,8 +228,17 @@ class Timetable:
         data_bytes = SWITCH_BYTES if pins else LOAD_BYTES
         lead_ns = self.rig.lead_ns(drive.bus, chip, data_bytes)
         return [
-            Due("spindle", rpm, partial(_later, at_ns, offset_ns), lead_ns, make, line, drive.bus, data_bytes)
-            for offset_ns, make in drive.change(rpm)
+            Due(
+                say.name,
+                say.value,
+                partial(_later, at_ns, say.after_ns),
+                lead_ns,
+                say.make,
+                line,
+                drive.bus,
+                data_bytes,
+            )
+            for say in drive.change(rpm)
         ]
 
     def x_mm(self, time_s: float) -> float:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from gcode.canon import AXES, Command, Coolant, Dwell, MoveBlock, Output, Position, Spindle
+from gcode.canon import AXES, Command, Coolant, Dwell, MoveBlock, Output, Position, Spindle, Text
 from gcode.errors import Diagnostic
 from gcode.source import split_lines
 from machines.outputs_schema import SpindleTable
@@ -29,7 +29,7 @@ def with_waits(
     """The commands with a dwell behind every change of the spindle's speed, and behind what is switched at rest."""
     x_mm, rest_s = start[0], switch_rest_s(config)
     present: Spindle | None = None
-    for item in commands:
+    for item in _one_change_a_line(commands):
         yield item
         x_mm = _x_after(item, x_mm)
         seconds = 0.0
@@ -40,6 +40,22 @@ def with_waits(
             seconds = rest_s
         if seconds > 0 and isinstance(item, Command):
             yield Dwell(item.line, seconds)
+
+
+def _one_change_a_line(commands: Iterable[Command | MoveBlock]) -> Iterator[Command | MoveBlock]:
+    """Of several spindle commands of one line, such as M4 S1000, the last: the spindle goes there at once."""
+    last: Spindle | None = None
+    for item in commands:
+        if last is not None and not isinstance(item, Text):
+            if not (isinstance(item, Spindle) and item.line == last.line):
+                yield last
+            last = None
+        if isinstance(item, Spindle):
+            last = item
+        else:
+            yield item
+    if last is not None:
+        yield last
 
 
 def wait_s(table: SpindleTable, present: Spindle | None, command: Spindle, x_mm: float) -> float:

@@ -124,7 +124,7 @@ class OutputsSource:
     def _say(self, due: Due, send_ns: int) -> Exchange:
         if due in self._queue:
             self._queue.remove(due)
-        if due.name == FOLLOW:
+        if due.follows:
             self._followed_ns = send_ns
         self._mine = due
         return replace(due.make(), send_at_ns=send_ns, line=due.line)
@@ -171,7 +171,9 @@ class OutputsSource:
         if abs(rpm - drive.said_rpm) <= FOLLOW_SHARE * abs(drive.said_rpm):
             self._followed_ns = at_ns
             return None
-        return Due(FOLLOW, rpm, lambda: at_ns, 0, lambda: drive.follow(rpm), command.line, drive.bus)
+        pin = drive.table.drive == "output"
+        name, value = ("spindle speed", drive.pwm_of(rpm)) if pin else (FOLLOW, rpm)
+        return Due(name, value, lambda: at_ns, 0, lambda: drive.follow(rpm), command.line, drive.bus, follows=True)
 
     # --- when the motion is over -------------------------------------------------------------------------------------
 

@@ -34,8 +34,18 @@ POSITION_ITEM = picservo.ITEM_POSITION
 POSITION_BYTES = 4
 SMALL_RADIUS_MM = 1e-3
 
-Saying = tuple[int, Callable[[], Exchange]]
-"""Something to say so many ns after a change has begun; the words are found when it is said."""
+
+@dataclass(frozen=True, slots=True)
+class Saying:
+    """Something to say ``after_ns`` of the beginning of a change; the words are found when it is said.
+
+    name: the pin that changes, or ``spindle``. value: what it changes to, of ``spindle`` the speed.
+    """
+
+    after_ns: int
+    make: Callable[[], Exchange]
+    name: str = "spindle"
+    value: float = 0.0
 
 
 def wanted_rpm(table: SpindleTable, command: Spindle, x_mm: float) -> float:
@@ -107,11 +117,11 @@ class SpindleDrive:
             self.powered = True
             yield from self._power_up()
         if self.table.drive == "velocity":
-            yield 0, partial(self._velocity, rpm)
+            yield Saying(0, partial(self._velocity, rpm), value=rpm)
         else:
             yield from self._ramp_pwm(old, rpm)
         if not rpm:
-            yield round(ramp_s(self.table, old, rpm) * NS_PER_S), self.power_down
+            yield Saying(round(ramp_s(self.table, old, rpm) * NS_PER_S), self.power_down)
 
     def follow(self, rpm: float) -> Exchange:
         """A small change of a speed that follows X, without a ramp of its own."""
@@ -181,11 +191,11 @@ class SpindleDrive:
 
     def _power_up(self) -> Iterator[Saying]:
         if self.table.drive == "pwm":
-            yield 0, partial(self._say, "stop_motor", {"amplifier_enable": 1})
+            yield Saying(0, partial(self._say, "stop_motor", {"amplifier_enable": 1}))
             return
         hold = {"amplifier_enable": 1, "stop_abruptly": 1}  # the servo holds where it stands
-        yield 0, partial(self._say, "stop_motor", hold)
-        yield 0, partial(self._say, "clear_sticky_bits", {})
+        yield Saying(0, partial(self._say, "stop_motor", hold))
+        yield Saying(0, partial(self._say, "clear_sticky_bits", {}))
 
     def _velocity(self, rpm: float) -> Exchange:
         table = self.table
@@ -202,7 +212,8 @@ class SpindleDrive:
         ramp_ns = round(ramp_s(self.table, old, new) * NS_PER_S)
         steps = max(-(-ramp_ns // STEP_NS), 1)
         for step in range(1, steps + 1):
-            yield ramp_ns * (step - 1) // steps, partial(self._pwm, old + (new - old) * step / steps)
+            rpm = old + (new - old) * step / steps
+            yield Saying(ramp_ns * (step - 1) // steps, partial(self._pwm, rpm), value=rpm)
 
     def _pwm(self, rpm: float) -> Exchange:
         values = {"pwm": self.pwm_of(rpm), "reverse": int(self._reverse(rpm)), "start_now": 1}
@@ -213,20 +224,25 @@ class SpindleDrive:
 
     def _switch(self, old: float, new: float) -> Iterator[Saying]:
         """Pins: a spindle that turns the other way is switched off first and given its time to stop."""
-        panel, begin_ns = self.panel, 0
+        begin_ns = 0
         if old and old * new <= 0:
-            yield 0, partial(panel.switch, "spindle on", False)
-            if "spindle speed" in panel.values:
-                yield 0, partial(panel.set, "spindle speed", 0)
+            yield self._pin(0, "spindle on", 0)
+            if "spindle speed" in self.panel.values:
+                yield self._pin(0, "spindle speed", 0)
             begin_ns = round(ramp_s(self.table, old, 0.0) * NS_PER_S)
         if not new:
             return
-        if "spindle reverse" in panel.switches and panel.levels.get("spindle reverse", 0.0) != float(new < 0):
-            yield begin_ns, partial(panel.switch, "spindle reverse", new < 0)
-        if "spindle speed" in panel.values:
-            yield begin_ns, partial(panel.set, "spindle speed", self.pwm_of(new))
+        if "spindle reverse" in self.panel.switches and self.panel.levels.get("spindle reverse", 0.0) != (new < 0):
+            yield self._pin(begin_ns, "spindle reverse", int(new < 0))
+        if "spindle speed" in self.panel.values:
+            yield self._pin(begin_ns, "spindle speed", self.pwm_of(new))
         if old * new <= 0:
-            yield begin_ns, partial(panel.switch, "spindle on", True)
+            yield self._pin(begin_ns, "spindle on", 1)
+
+    def _pin(self, after_ns: int, name: str, value: int) -> Saying:
+        panel = self.panel
+        make = partial(panel.set, name, value) if name in panel.values else partial(panel.switch, name, bool(value))
+        return Saying(after_ns, make, name, value)
 
     def _say(self, name: str, values: dict[str, int]) -> Exchange:
         command, data = encode(picservo.FACTS, name, values)
