@@ -13,7 +13,7 @@ from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 if TYPE_CHECKING:
     from gcode.errors import Diagnostic
     from gcode.inifile import Ini
-    from gcode.setup import Setup
+    from gcode.setup import Setup, Tool
     from groupstart.programoptions import ProgramChoices
     from machines.job import Job
     from machines.load import MachineFile
@@ -56,7 +56,6 @@ def program_setup(file: str, choices: ProgramChoices) -> Setup:
     Raises VerbError: 2 for a file that cannot be read, 1 for one that says what it must not.
     """
     from gcode.setup import Setup
-    from gcode.tooltable import read_parameters, read_tool_table
 
     parameter_file, include, values = choices.parameters, choices.include, None
     if choices.ini is not None:
@@ -66,8 +65,8 @@ def program_setup(file: str, choices: ProgramChoices) -> Setup:
         # LinuxCNC makes the file when it first saves parameters: until then it is not there, and that is no mistake
         if parameter_file is None and ini.parameter_file is not None and ini.parameter_file.exists():
             parameter_file = str(ini.parameter_file)
-    tools = None if choices.tool_table is None else _table(choices.tool_table, read_tool_table)
-    parameters = {} if parameter_file is None else _table(parameter_file, read_parameters)
+    tools = None if choices.tool_table is None else _tools(choices.tool_table)
+    parameters = {} if parameter_file is None else _parameters(parameter_file)
     return Setup(
         tools=tools,
         parameters=parameters,
@@ -90,6 +89,18 @@ def tell_dialect(text: str, choices: ProgramChoices, failed: bool) -> None:
     guessed, sign = guess(text)
     if guessed not in (choices.dialect, "linuxcnc"):
         click.echo(f"it looks like {guessed}: {sign}; --dialect auto reads it so", err=True)
+
+
+def _tools(path: str) -> dict[int, Tool]:
+    from gcode.tooltable import read_tool_table
+
+    return _table(path, read_tool_table)
+
+
+def _parameters(path: str) -> dict[int, float]:
+    from gcode.tooltable import read_parameters
+
+    return _table(path, read_parameters)
 
 
 def _table(path: str, reader: Callable[[str, str], tuple[Table, list[Diagnostic]]]) -> Table:

@@ -33,7 +33,7 @@ def test_help_lists_every_verb(cli: Cli) -> None:
         assert cli(verb, "--help").status == 0
 
 
-SLOW = "{'toppra', 'numba', 'matplotlib', 'scipy', 'ruckig', 'rich'}"
+SLOW = {"toppra", "numba", "matplotlib", "scipy", "ruckig", "rich"}
 
 
 @pytest.mark.parametrize(
@@ -45,10 +45,27 @@ def test_quick_verbs_import_nothing_slow(arguments: list[str]) -> None:
         f"import sys\nsys.argv = ['groupstart', *{arguments!r}]\n"
         "from groupstart.cli import main\n"
         "try:\n    main()\nexcept SystemExit as leaving:\n    assert leaving.code == 0, leaving.code\n"
-        f"print('SLOW', sorted({SLOW} & set(sys.modules)))\n"
+        f"print('SLOW', sorted({SLOW!r} & set(sys.modules)))\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
     assert "SLOW []" in done.stdout
+
+
+def test_check_of_a_short_program_loads_neither_numpy_nor_rare_parts_of_the_interpreter(tmp_path: Path) -> None:
+    path = tmp_path / "hundred.nc"
+    moves = [f"X{n / 4} Y{n % 7}.5" if n % 5 else f"G3 X{n / 4} Y6 R50\nG1 F{300 + n}" for n in range(90)]
+    head = ["%", "G21 G90 G17 G40 G49 G80 G94", "T1 M6", "S9000 M3", "#1=[2*3]", "G1 X#1 F200"]
+    path.write_text("\n".join([*head, *moves, "M5", "M2", "%", ""]))
+    heavy = {"numpy", "pydantic", "tomllib", *SLOW, "machines", "planner", "sim", "nmc"}
+    heavy |= {f"gcode.{name}" for name in ("columns", "templates", "cycles", "compensation", "lathepath", "tooltable")}
+    script = (
+        f"import sys\nsys.argv = ['groupstart', 'check', {str(path)!r}]\n"
+        "from groupstart.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as leaving:\n    assert not leaving.code, leaving.code\n"
+        f"print('HEAVY', sorted({heavy!r} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert "HEAVY []" in done.stdout, done.stdout
 
 
 def test_check_of_a_good_program_says_nothing_on_stdout(short: str, cli: Cli) -> None:
