@@ -11,7 +11,22 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import numpy.typing as npt
 
-from gcode.canon import AXES, KIND_ARC, ORIGIN, PLANES, Arc, Command, Feed, MoveBlock, Plane, Position, Probe, Rapid
+from gcode.canon import (
+    AXES,
+    KIND_ARC,
+    ORIGIN,
+    PLANES,
+    Arc,
+    Command,
+    Feed,
+    MoveBlock,
+    Nurbs,
+    Plane,
+    Position,
+    Probe,
+    Rapid,
+    TiltedArc,
+)
 
 CHORD_MM = 2e-4
 _PLANE_AXES: dict[Plane, tuple[int, int]] = {"XY": (0, 1), "ZX": (2, 0), "YZ": (1, 2)}
@@ -40,6 +55,12 @@ def _parts(commands: Iterable[Command | MoveBlock], start: Position) -> Iterator
         elif isinstance(command, Arc):
             yield arc_points(here, command)
             here = command.end
+        elif isinstance(command, TiltedArc):
+            yield tilted_points(here, command)
+            here = command.end
+        elif isinstance(command, Nurbs):
+            yield spline_points(here, command)
+            here = command.end
         elif isinstance(command, Rapid | Feed | Probe):
             yield np.array([command.end])
             here = command.end
@@ -66,6 +87,33 @@ def arc_points(start: Position, arc: Arc) -> npt.NDArray[np.float64]:
     points[:, first] = arc.center[0] + r * np.cos(angle)
     points[:, second] = arc.center[1] + r * np.sin(angle)
     points[-1] = there
+    return points
+
+
+def tilted_points(start: Position, arc: TiltedArc) -> npt.NDArray[np.float64]:
+    """Points f8[N, 9] of an arc of a turned plane: those of the plane itself, turned about Z."""
+    turn = math.radians(arc.rotation_deg)
+    back = np.eye(len(AXES))
+    back[:2, :2] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+    first, second = _PLANE_AXES[arc.plane]
+    begin, end, center = (back @ np.array(place) for place in (start, arc.end, arc.center))
+    plain = Arc(arc.line, _position(end), (center[first], center[second]), arc.plane, arc.turns, arc.feed_mm_s)
+    points: npt.NDArray[np.float64] = arc_points(_position(begin), plain) @ back
+    points[-1] = arc.end
+    return points
+
+
+def spline_points(start: Position, spline: Nurbs) -> npt.NDArray[np.float64]:
+    """Points f8[N, 9] of a spline, so many that their chords stay as near as those of an arc of its length."""
+    from planner.nurbs import evaluate
+
+    control = np.array(spline.points)
+    length = float(np.hypot(*np.diff(control[:, :2], axis=0).T).sum())
+    count = max(100, math.ceil(40 * length), 40 * len(control))
+    end = float(len(control) - spline.order + 1)
+    points = np.tile(np.array(start), (count, 1))
+    points[:, :2] = evaluate(control, spline.order, np.linspace(0.0, end, count + 1)[1:])
+    points[-1] = spline.end
     return points
 
 

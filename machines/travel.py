@@ -30,7 +30,9 @@ from gcode.canon import (
     Probe,
     Rapid,
     RigidTap,
+    TiltedArc,
 )
+from machines.programmed import tilted_points
 
 Travel = Mapping[str, tuple[float, float]]
 SLACK = 1e-6
@@ -70,6 +72,12 @@ def reach(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) -> 
         if isinstance(command, MoveBlock):
             yield from _block_reach(command, here)
             here = _block_end(command, here)
+        elif isinstance(command, TiltedArc):
+            points = np.vstack((here, tilted_points(here, command)))
+            for axis, (least, greatest) in enumerate(zip(points.min(axis=0), points.max(axis=0), strict=True)):
+                if least != greatest:
+                    yield command.line, axis, float(least), float(greatest), False
+            here = command.end
         elif isinstance(command, Rapid | Feed | Arc | Probe | RigidTap | Nurbs):
             low, high = list(map(min, here, command.end)), list(map(max, here, command.end))
             if isinstance(command, Arc):

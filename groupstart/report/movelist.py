@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from gcode.canon import AXES, KIND_ARC, KIND_RAPID, Arc, Command, Dwell, Feed, MoveBlock, Nurbs, Probe, Rapid
+from gcode.canon import AXES, KIND_ARC, KIND_RAPID, Arc, Command, Dwell, Feed, MoveBlock, Nurbs, Probe, Rapid, TiltedArc
 
 DIGITS = 6
 
@@ -58,18 +58,22 @@ def _moves(commands: Iterable[Command | MoveBlock], axes: Sequence[str]) -> Iter
                 yield Move(int(command.line[row]), kind, _rounded(here[c] for c in columns), feed, shape)
         elif isinstance(command, Dwell):
             yield Move(command.line, "dwell", _rounded(here[c] for c in columns), 0.0, (command.seconds,))
-        elif isinstance(command, Rapid | Feed | Arc | Nurbs | Probe):
+        elif isinstance(command, Rapid | Feed | Arc | TiltedArc | Nurbs | Probe):
             here = list(command.end)
             yield _of_command(command, _rounded(here[c] for c in columns))
 
 
-def _of_command(command: Rapid | Feed | Arc | Nurbs | Probe, end: tuple[float, ...]) -> Move:
+def _of_command(command: Rapid | Feed | Arc | TiltedArc | Nurbs | Probe, end: tuple[float, ...]) -> Move:
     if isinstance(command, Rapid):
         return Move(command.line, "rapid", end, 0.0)
     feed = round(command.feed_mm_s, DIGITS)
     if isinstance(command, Arc):
         plane = float(("XY", "ZX", "YZ").index(command.plane))
         return Move(command.line, "arc", end, feed, _rounded([*command.center, float(command.turns), plane]))
+    if isinstance(command, TiltedArc):
+        plane = float(("XY", "ZX", "YZ").index(command.plane))
+        shape = (*command.center[:3], command.rotation_deg, float(command.turns), plane)
+        return Move(command.line, "arc", end, feed, _rounded(shape))
     if isinstance(command, Nurbs):
         return Move(command.line, "spline", end, feed, _rounded(x for point in command.points for x in point))
     return Move(command.line, "probe" if isinstance(command, Probe) else "feed", end, feed)
