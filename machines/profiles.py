@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import cast
 
 from machines.cy545 import cy545_tables
-from machines.schema import TWIN, MachineConfig
+from machines.schema import TWIN, MachineConfig, StepMotorTable
 from machines.wiring import motor_tables, motors, servo_tables
 from planner.motors import ServoMotor
 from planner.stream import PROFILES, Profile
@@ -30,7 +30,7 @@ def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profi
         return cast("Profile", wanted)
     if servos:
         return "smooth" if simulated else "stop-here"
-    return "adaptive" if _timers_known(config, simulated) else "group"
+    return _step_profile(config, simulated)
 
 
 def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: bool) -> Profile:
@@ -41,19 +41,29 @@ def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: 
     has_servos = any(isinstance(motor, ServoMotor) for motor in motors(config) if motor.bus == bus)
     if has_servos or chosen not in ("stop-here", "smooth"):
         return chosen
-    return "adaptive" if _timers_known(config, simulated) else "group"
+    return _step_profile(config, simulated)
 
 
-def _timers_known(config: MachineConfig, simulated: bool) -> bool:
-    """Whether every step timer is known to do what the twins of the stream do. Of a port the twin tells nothing."""
+def _step_profile(config: MachineConfig, simulated: bool) -> Profile:
+    """What is taken for steppers: ``adaptive`` if their timers do what the twins of the stream do, ``exact`` if not.
+
+    Of a port the simulated machine tells nothing, and where nothing is known ``group`` is taken.
+    """
+    known: set[tuple[str, str]]
     if simulated:
-        return config.sim.count_latch == "rollover" and config.sim.first_step == "period"
-    return all(
-        table.count_latch == "rollover"
-        and table.first_step != "immediate"
-        and (table.probed is None or not table.probed.measured_on.startswith(TWIN))
-        for _, table in motor_tables(config).values()
-    )
+        known = {(config.sim.count_latch, config.sim.first_step)}
+    else:
+        known = {_measured(table) for _, table in motor_tables(config).values()}
+    if any("immediate" in latch_and_first for latch_and_first in known):
+        return "exact"
+    return "adaptive" if all(latch == "rollover" for latch, _ in known) else "group"
+
+
+def _measured(table: StepMotorTable) -> tuple[str, str]:
+    """``count_latch`` and ``first_step``, unless they were measured on the twin."""
+    if table.probed is not None and table.probed.measured_on.startswith(TWIN):
+        return "unknown", "unknown"
+    return table.count_latch, table.first_step
 
 
 def why_not_streamed(config: MachineConfig) -> str:

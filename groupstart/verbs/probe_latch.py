@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 
 from groupstart.commissioning import ask_consent, date_of, own_file, told_in_words, write_machine
-from groupstart.exits import EXIT_REFUSED, VerbError
+from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.inputs import open_machine
 from groupstart.options import machine_option
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from machines.load import MachineFile
     from machines.probing import Probed
     from machines.schema import MachineConfig
+    from machines.silences import Answer
 
 
 @click.command(name="probe-latch")
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 @click.option("--port", metavar="sim|PATH", help="Port of the machine's bus instead of the one in its file.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the simulated machine's chance.")
 @click.option("--amplifier-off", is_flag=True, help="Also try motion with the amplifier off: the motor holds nothing.")
+@click.option("--reset", is_flag=True, help="First reset the bus and try motion before Set Parameters.")
 @click.option("--yes", is_flag=True, help="Do not ask before the machine moves.")
 @click.option("--no-write", is_flag=True, help="Only print what was found.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each motor.")
@@ -35,6 +38,7 @@ def command(
     port: str | None,
     seed: int | None,
     amplifier_off: bool,
+    reset: bool,
     yes: bool,
     no_write: bool,
     as_json: bool,
@@ -53,7 +57,8 @@ def command(
     described = open_machine(machine)
     config = described.config
     wanted = _wanted(config, motors)
-    ask_consent(config, port, yes, _warning(config, wanted, amplifier_off))
+    ask_consent(config, port, yes, _warning(config, wanted, amplifier_off, reset))
+    first = _before_parameters(config, wanted, port, seed) if reset else {}
     found: list[Probed] = []
     with told_in_words(), StopFlag() as stop, at_work(config, port, seed) as connection:
         place = connection.place
@@ -66,6 +71,7 @@ def command(
                     stop_requested=stop,
                     progress=partial(bar.update, 1),
                 )
+            one = replace(one, answers=(*one.answers, *first.get(motor, ())))
             found.append(one)
             _print(one, as_json)
     if not no_write:
@@ -89,7 +95,33 @@ def _wanted(config: MachineConfig, named: tuple[str, ...]) -> list[str]:
     return list(dict.fromkeys(named)) or able
 
 
-def _warning(config: MachineConfig, motors: list[str], amplifier_off: bool) -> list[str]:
+def _before_parameters(
+    config: MachineConfig, motors: list[str], port: str | None, seed: int | None
+) -> dict[str, list[Answer]]:
+    """Of each motor what it does before Set Parameters; the bus is left reset."""
+    from machines.bringup import bus_of, connect
+    from machines.silences import before_parameters
+    from machines.wiring import motor_tables
+    from nmc.errors import NmcError
+
+    try:
+        connection = connect(config, port, seed)
+    except (NmcError, ValueError) as error:
+        raise VerbError(str(error), EXIT_FAULT) from None
+    try:
+        found = {}
+        for motor in motors:
+            table = motor_tables(config)[motor][1]
+            bus = bus_of(connection, table.bus)
+            found[motor] = [before_parameters(config, bus, table.bus, table.address)]
+        return found
+    except NmcError as error:
+        raise VerbError(str(error), EXIT_FAULT) from None
+    finally:
+        connection.close()
+
+
+def _warning(config: MachineConfig, motors: list[str], amplifier_off: bool, reset: bool) -> list[str]:
     from machines.probing import reach
 
     lines = ["These motors will move, one after another, slowly, and end where they began:"]
@@ -98,6 +130,8 @@ def _warning(config: MachineConfig, motors: list[str], amplifier_off: bool) -> l
         lines.append(f"  {motor}: at most {steps} steps ({length:.3g} mm or degrees) either way")
     if amplifier_off:
         lines.append("With --amplifier-off each motor lets its axis go for a second: a hanging axis falls.")
+    if reset:
+        lines.append("With --reset all amplifiers of the bus go off first, and where the axes stand is forgotten.")
     return lines
 
 

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 
 import pytest
 
+from groupstart import verify
 from machines.commission import Asker, StoppedError, UndecidedError, at_work
 from machines.latchprobe import LatchFinding, LatchProbe, Seen, judge
 from machines.load import parse_machine, read_machine
@@ -194,5 +196,20 @@ def test_only_what_was_measured_on_the_module_counts_on_a_port() -> None:
     on_port = parse_machine(text.replace("[sim]\n", probed.replace("twin, seed 1", "/dev/ttyUSB0")), "m")
     assert choose_profile(on_port, "auto", simulated=False) == "adaptive"
     at_once = parse_machine(text.replace("[axis.Y]\n", '[axis.Y]\nfirst_step = "immediate"\n'), "m")
-    assert choose_profile(at_once, "auto", simulated=False) == "group"
-    assert choose_profile(machine(first_step='"immediate"'), "auto", simulated=True) == "group"
+    assert choose_profile(at_once, "auto", simulated=False) == "exact"
+    other = parse_machine(text.replace('"rollover"\n', '"immediate"\n', 1), "m")
+    assert choose_profile(other, "auto", simulated=False) == "exact"
+    assert choose_profile(read_machine("mill3-step").config, "auto", simulated=False) == "group"
+
+
+@pytest.mark.parametrize("other", [{"count_latch": '"immediate"'}, {"first_step": '"immediate"'}])
+def test_auto_streams_safely_to_chips_of_the_other_reading(other: dict[str, str], tmp_path: Path) -> None:
+    config = machine(**other)
+    assert choose_profile(config, "auto", simulated=True) == "exact"
+    path = tmp_path / "other.toml"
+    [(key, value)] = other.items()
+    text = read_machine("mill3-step").text.replace('count_latch = "rollover" #', "#")
+    path.write_text(text.replace("[sim]\n", f"[sim]\n{key} = {value}\n"))
+    result = verify("G21 G90\nG1 X3 Y2 F300\nG3 X3 Y2 I1 J0\nG1 X0 Y0\nM2\n", str(path))
+    assert result.verdict is not None
+    assert result.verdict.reasons == ()
