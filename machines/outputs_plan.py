@@ -107,14 +107,16 @@ def output_diagnostics(
 ) -> list[Diagnostic]:
     """What the machine cannot do of it (errors), and what nothing on this machine answers to (one warning each)."""
     lines = split_lines(text)
-    found, told = [], set()
+    found: list[Diagnostic] = []
+    told: set[tuple[int, str]] = set()
     for item in commands:
         if isinstance(item, MoveBlock):
             continue
         for place in _places(item, config):
-            if place.code == UNDRIVEN and place.message in told:
+            once = (0 if place.code == UNDRIVEN else place.line, place.message)
+            if once in told:
                 continue
-            told.add(place.message)
+            told.add(once)
             severity = "error" if place.code == REFUSED else "warning"
             first, last = _columns(lines[place.line - 1] if 0 < place.line <= len(lines) else "", place.letter)
             found.append(
