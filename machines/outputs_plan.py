@@ -109,7 +109,7 @@ def output_diagnostics(
     lines = split_lines(text)
     found: list[Diagnostic] = []
     told: set[tuple[int, str]] = set()
-    for item in commands:
+    for item in _one_change_a_line(commands):
         if isinstance(item, MoveBlock):
             continue
         for place in _places(item, config):
