@@ -11,16 +11,17 @@ from planner.types import F8, Index
 
 
 @njit(cache=True)
-def _distance(p: F8, a: F8, b: F8) -> float:
-    along, d2 = 0.0, 0.0
-    for k in range(len(p)):
-        along += (p[k] - a[k]) * (b[k] - a[k])
-        d2 += (b[k] - a[k]) ** 2
+def _distance(points: F8, j: int, line: F8, i: int) -> float:
+    """Of point ``j`` from segment ``i``."""
+    along, d2, p2 = 0.0, 0.0, 0.0
+    for k in range(points.shape[1]):
+        p, d = points[j, k] - line[i, k], line[i + 1, k] - line[i, k]
+        along += p * d
+        d2 += d * d
     share = min(max(along / d2, 0.0), 1.0) if d2 > 0.0 else 0.0
-    out = 0.0
-    for k in range(len(p)):
-        out += (p[k] - a[k] - share * (b[k] - a[k])) ** 2
-    return float(np.sqrt(out))
+    for k in range(points.shape[1]):
+        p2 += (points[j, k] - line[i, k] - share * (line[i + 1, k] - line[i, k])) ** 2
+    return float(np.sqrt(p2))
 
 
 LOST_SEGMENTS = 20_000
@@ -44,7 +45,7 @@ def _advance(
                     break
             if i == len(following):
                 following = np.append(following, np.empty(len(following)))
-            off = _distance(q[j], polyline[first + i], polyline[first + i + 1])
+            off = _distance(q, j, polyline, first + i)
             following[i] = max(least, off)
             if following[i] < best - 1e-9:
                 best, best_at = following[i], first + i
@@ -104,7 +105,7 @@ def passes(q: F8, target: F8, at: int, near_mm: F8, last: bool, miss: F8) -> int
     """
     j, best_j = 0, 0
     while at < len(target) and j < len(q) - 1:
-        d = _distance(target[at], q[j], q[j + 1])
+        d = _distance(target, at, q, j)
         if d < miss[at]:
             miss[at], best_j = d, j
         elif miss[at] < near_mm[at] and d > miss[at] + 1e-6:

@@ -80,7 +80,7 @@ def measure(trajectory: Trajectory, moves: Moves, velocity: F8, acceleration: F8
     near[[0, -1]] = NEAR_MM
     worst, at = 0.0, 0
     reach = max(REACH_MM, 2 * float(np.linalg.norm(velocity)) * step_s)
-    follower = Follower(polyline, reach, float(near.max()))
+    follower = Follower(polyline, reach, float(moves.tolerance_mm.max()) * NEAR + NEAR_MM)
     v_most, a_most, j_most = np.zeros(len(velocity)), np.zeros(len(velocity)), np.zeros(len(velocity))
     for t in grid(trajectory.duration_s, step_s):
         q = trajectory.q(t)
