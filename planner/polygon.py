@@ -149,7 +149,22 @@ def _blend_share(dt: F8, net_mm: F8, rules: PathRules) -> F8:
     part."""
     if rules.tau_s <= 0:
         return net_mm
-    return np.asarray(np.maximum(net_mm / 2, net_mm - _most_acceleration(dt, rules) * rules.tau_s**2 / 24))
+    return np.asarray(np.maximum(net_mm / 2, net_mm - _most_push(dt, rules) * rules.tau_s**2 / 24))
+
+
+def _most_push(dt: F8, rules: PathRules) -> F8:
+    """Largest component f8[K] in the directions ``dt`` f8[K, A] of any acceleration within the limits.
+
+    More than the limits allow in that direction alone: whoever brakes along an oblique path may bend it harder. The
+    corner of the box |a| <= A that is farthest in this direction; and of that of the joints, where there are some.
+    """
+    axes = dt.shape[1]
+    normal = dt / np.maximum(np.linalg.norm(dt, axis=1), SMOOTH)[:, None]
+    out = np.abs(normal) @ rules.row_acceleration[:axes]
+    joints = rules.rows[axes:]
+    if len(joints) and np.linalg.matrix_rank(joints) == axes:
+        out = np.minimum(out, np.abs(normal @ np.linalg.pinv(joints)) @ rules.row_acceleration[axes:])
+    return np.asarray(out)
 
 
 def _most_acceleration(dt: F8, rules: PathRules) -> F8:
@@ -275,7 +290,7 @@ def _filter_cap(moves: Moves, rules: PathRules, net_mm: F8, move: I4, bend: tupl
     left = np.append(share[:1], share[move])
     left = np.maximum(left - miss, 0.01 * left)
     turn = np.linalg.norm(dt, axis=1)
-    most = _most_acceleration(dt, rules)
+    most = _most_push(dt, rules)
     k = np.flatnonzero((leg > 0) & (turn > SMOOTH) & (most * tau**2 / 24 > left))
     leg, turn, most, left = leg[k], turn[k], most[k], left[k]
     high = np.sqrt(24 * left * 2 * leg / turn) / tau
