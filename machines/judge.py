@@ -22,6 +22,8 @@ from sim.trace import Trace
 
 F8 = npt.NDArray[np.float64]
 NS_PER_S = 1_000_000_000
+EARLY_NS = 30_000_000
+"""A first step may come a little before t = 0; so long before it nothing has moved since the counters were read."""
 
 
 def judge(
@@ -108,7 +110,7 @@ def trace_pins(trace: Trace, begins_at: Mapping[str, int], servo_counts: npt.NDA
         changes = np.diff(counts, prepend=counts[0]) != 0
         tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts + 0.5 * changes))
     found = pins(step_runs(trace), tracks)
-    at = int(np.searchsorted(found.time_ns, trace.plan_start_ns))
+    at = int(np.searchsorted(found.time_ns, trace.plan_start_ns - EARLY_NS))
     stood = found.position[at - 1] if at else trace.start_steps.astype(np.float64)
     shift = np.zeros(len(trace.axes))
     for number, name in enumerate(trace.axes):

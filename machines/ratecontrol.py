@@ -19,7 +19,7 @@ from machines.control import Control, RateStatus, Request
 from machines.governor import Advice, Governor
 from nmc.program import Evidence
 from planner.errors import PlanError
-from planner.stream import Progress
+from planner.stream import Progress, StreamSource
 from planner.timing import Rate
 from planner.types import F8, Trajectory
 
@@ -80,6 +80,9 @@ class Floor(Protocol):
     def stand(self, stands: bool) -> None:
         """The machine is held, or runs again."""
 
+    def expect(self, host_delay_ns: int) -> None:
+        """The host may take so long before a packet leaves."""
+
     def places(self) -> Mapping[str, float]:
         """Where the axes are, read back from the chips."""
 
@@ -116,6 +119,8 @@ class RateController:
 
     def after(self, evidence: Evidence) -> None:
         """What is to be done after an exchange."""
+        if isinstance(self._source, StreamSource):
+            self._source.passed(evidence.replied_ns)
         if self._governor is not None and (advice := self._governor.observe(evidence)) is not None:
             self._heed(advice, evidence)
         if self._told.state == "holding" and self._source is not None and self._source.holding:
@@ -204,6 +209,7 @@ class RateController:
     def _heed(self, advice: Advice, evidence: Evidence) -> None:
         """The host is slower than assumed, or quiet again."""
         jitter_ms = round(advice.jitter_max_ns / 1e6, 3)
+        self._floor.expect(advice.jitter_max_ns)
         words = {"jitter_ms": jitter_ms, "speed_percent": round(100 * advice.share)}
         try:
             if self._source is None:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from gcode.canon import AXES, Position
+from machines.bringup import is_simulated
 from machines.control import Control
 from machines.job import Job
 from machines.judge import judge
@@ -17,6 +18,7 @@ from machines.outcome import Outcome, StreamStatistics
 from machines.outputs_judge import with_outputs_judged
 from machines.parts import Part, parts_of, request
 from machines.programmed import programmed_path
+from machines.questions import NOBODY_READS, questions
 from machines.session import Note, Session, SessionError
 from machines.verdict import Verdict
 from machines.wiring import every_motor, planned_axes, scale_of, stands_within
@@ -87,6 +89,9 @@ def perform(
     ``replan``: called when the machine does not stand where the plan begins; what it raises ends the run before motion.
     """
     config = machine.config
+    asked = None if is_simulated(config, options.port) else next(questions(job.commands), None)
+    if asked is not None:
+        return RunResult(job, plan, None, None, None, (), {}, f"line {asked[0]}: {NOBODY_READS}; nothing has moved")
     outcome: Outcome | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
@@ -164,7 +169,7 @@ def retimable(plan: Plan, part: Part | None = None) -> Trajectory:
         return plan.trajectory if part is None else part
     if part is None:
         return RetimablePlan(plan)
-    return RetimablePlan(plan, part, part.begin_s, getattr(part, "own", None))
+    return RetimablePlan(plan, part, part.begin_s, part.own)
 
 
 def _joined(outcomes: list[Outcome]) -> Outcome:

@@ -33,7 +33,7 @@ from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
 from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
-from machines.several import bus_streams
+from machines.several import bus_streams, timings_of
 from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
 from nmc.errors import NmcError
@@ -125,6 +125,7 @@ class Session:
         """Open the links and start every bus. Raises SessionError."""
         try:
             self._connection = bringup.connect(self.config, self._port, self._seed)
+            self.expect(max(timing.jitter_max_ns for timing in timings_of(self._connection).values()))
             kept = bringup.bring_up(self._connection)
             if self._connection.rig is not None:
                 self._connection.rig.tell = self.note
@@ -297,6 +298,11 @@ class Session:
     def stand(self, stands: bool) -> None:
         """A hold has brought the machine to rest, or a resume makes it run again."""
         self._change(State.HELD if stands else State.RUNNING)
+
+    def expect(self, host_delay_ns: int) -> None:
+        """The host may take so long before a packet leaves: after a command that nobody answers it is waited out."""
+        for bus in self.connection.buses:
+            bus.host_latency_ns = max(bus.host_latency_ns, host_delay_ns)
 
     def places(self) -> dict[str, float]:
         """As ``where``."""

@@ -78,6 +78,10 @@ class StreamSource:
             return None
         return self._with_line(exchange)
 
+    def passed(self, now_ns: int) -> None:
+        """Time has passed since the last exchange was asked for, in a wait perhaps: requests count from here."""
+        self._now_ns = max(self._now_ns, now_ns)
+
     def hold(self) -> float:
         """Come to rest along the path, as soon as the axes allow; returns the time of the rest in s of the plan.
 

@@ -20,6 +20,7 @@ from planner.steptrain import Leg, StepTrain, Train
 from planner.types import Trajectory
 
 LOAD_TRAJECTORY = 0x4
+COUNT_BYTES = 4
 LOAD_POSITION, LOAD_TIMER_COUNT, REVERSE, START_NOW = 0x01, 0x08, 0x10, 0x80
 """Control byte of Load Trajectory (PIC-STEP data sheet, section 5.1)."""
 MOVING = 0x01
@@ -29,6 +30,8 @@ SAFETY_NS = 100_000
 CATCH_UP = 1.5
 """A late axis steps at most this much faster than the plan does around there."""
 PPB = 1_000_000_000
+OVERSLEPT_NS = 4_000_000
+"""An axis that would step this much after its new plan halts instead: Stop Motor, read and start take about as long."""
 SLOW_PERIOD_NS = 2_500_000
 """Steps further apart than this are slow."""
 
@@ -230,7 +233,7 @@ class StepAxis:
         instants = leg.instants_ns[:made]
         left = abs(leg.stop_steps - level)
         ahead = self.train.peek()
-        if left and ahead is not None and ahead.direction == leg.direction:
+        if left and ahead is not None and ahead.direction == leg.direction and not self._overslept(ahead, now_ns):
             instants = instants + self.train.pop().instants_ns[:left]
             if len(ahead) > left:  # beyond the stop that the chip holds a new leg begins
                 last_s = (instants[-1] + 1) / NS_PER_S
@@ -238,6 +241,19 @@ class StepAxis:
         times = np.array(instants, dtype=np.int64)
         self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
+
+    def _overslept(self, ahead: Leg, now_ns: int) -> bool:
+        """The period that runs (from the gap of a hold, perhaps) ends much later than the next step is wanted.
+
+        No count can shorten it; a Stop Motor can end it, and what is left begins anew.
+        """
+        soonest_ns = now_ns + self.timing.worst_ns(COUNT_BYTES)
+        timer = self.twin.nominal
+        next_ns, left = timer.ahead(soonest_ns)
+        wanted = min(timer.left - left, len(ahead.instants_ns) - 1)
+        if timer.period_ns - max(ahead.gaps_ns[:2], default=timer.period_ns) > OVERSLEPT_NS:
+            return True  # it may be in force already: a roll-over is never known to the microsecond
+        return next_ns - max(ahead.instants_ns[wanted] + self.start_ns, soonest_ns) > OVERSLEPT_NS
 
     def halt_ns(self) -> int:
         """Of an axis that halts: when the Stop Motor into its gap may be executed.
