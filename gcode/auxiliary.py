@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gcode.block import Block
-from gcode.canon import Output
+from gcode.canon import InputWait, Output
 from gcode.codes import COOLANT, IO, OVERRIDE, SPINDLE, SPINDLE_MODE, g_name
 from gcode.errors import GcodeError
 from gcode.machine import Machine
@@ -166,4 +166,5 @@ def wait_for_input(machine: Machine, block: Block) -> None:
     if index < 0:
         raise GcodeError("GC015", "a negative input number", "inputs are numbered from 0", "p" if digital else "e")
     refuse_under_compensation(machine, "reading an input", "M66")
+    machine.emit.command(InputWait(machine.emit.line, index, analog, mode, timeout))
     machine.wait("input", index=index, analog=analog, mode=mode, timeout_s=timeout)

@@ -196,6 +196,19 @@ class Output(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class InputWait(Command):
+    """M66: the machine rests, waits for an input (``mode``: L of M66) at most ``timeout_s``, and tells its value.
+
+    It has no canonical function: nothing is printed for it.
+    """
+
+    index: int
+    analog: bool
+    mode: int
+    timeout_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class UserCommand(Command):
     """M100 to M199: what the machine's owner has given the code ``number``. The machine waits until it is done.
 

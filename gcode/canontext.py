@@ -15,6 +15,7 @@ from gcode.canon import (
     Dwell,
     End,
     Feed,
+    InputWait,
     Message,
     MoveBlock,
     Nurbs,
@@ -188,6 +189,10 @@ def _user_command(printer: Printer, command: Command) -> list[str]:
     return [f"USER_DEFINED_FUNCTION({command.number}, {printer.numbers(words)})"]
 
 
+def _nothing(_printer: Printer, _command: Command) -> list[str]:
+    return []
+
+
 _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     Rapid: _straight("STRAIGHT_TRAVERSE"),
     Feed: _straight("STRAIGHT_FEED"),
@@ -207,6 +212,7 @@ _FUNCTIONS: dict[type[Command], Callable[[Printer, Command], list[str]]] = {
     Message: _message,
     ToolChange: _tool_change,
     UserCommand: _user_command,
+    InputWait: _nothing,
 }
 
 

@@ -19,6 +19,7 @@ from gcode.setup import Setup
 from gcode.source import split_lines
 from machines.cy545 import cy545_tables
 from machines.outputs_plan import drives_anything, followed, output_diagnostics, with_waits
+from machines.questions import question_diagnostics
 from machines.schema import MachineConfig
 from machines.travel import Excess, Travel, bounds, check_travel, offset_that_fits
 from machines.usercommands import numbers
@@ -63,6 +64,8 @@ def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Jo
         found += tuple(travel_diagnostics(commands, travel(config), text, setup))
         found += tuple(_interpolated(commands, config, text, setup))
         found += tuple(output_diagnostics(commands, config, text, setup.file))
+        simulated = all(bus.port == "sim" for bus in config.bus.values())
+        found += tuple(question_diagnostics(commands, text, setup.file, simulated=simulated))
     return Job(setup.file, text, commands, found, setup.start, (result.dialect, result.dialect_reason))
 
 

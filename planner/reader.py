@@ -130,7 +130,8 @@ class MoveReader:
             raise PlanError(item.line, "", "rigid tapping (G33.1) needs a spindle encoder", hint)
         elif isinstance(item, canon.SpindleSynch):
             if item.pitch_mm is not None:
-                raise PlanError(item.line, "", "threads (G33, G76) need a spindle encoder")
+                hint = "mill the thread as a helix (G2 or G3 with Z), or cut it by hand"
+                raise PlanError(item.line, "", "threads (G33, G76) need a spindle encoder", hint)
         else:
             moving = isinstance(item, IN_MOTION) or (isinstance(item, canon.Output) and item.synchronised)
             if not moving:
