@@ -212,6 +212,70 @@ def test_compiled_loops_equal_lines(text, slowly):
     assert fast.diagnostics == slow.diagnostics
 
 
+MACRO = """G21 G90 F600
+#1=0
+#2=3
+G1 X0
+WHILE [#1 LT 200] DO1
+#3=#1*2-SIN[#1]
+IF [#3 GT 100] THEN #2=#2+1
+WHILE [#5 LT 3] DO2
+#5=#5+1
+G1 Y[#5*#2]
+END2
+#5=0
+G1 X[#3] Z[#2/2]
+#1=#1+1
+END1
+G1 X#1
+M30
+"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MACRO,
+        MACRO.replace("#3=#1*2-SIN[#1]", "#3=#1*2-SIN[#1]/[150-#1]"),
+        MACRO.replace("#5=0\nG1", "#5=#0\nG1"),
+        MACRO.replace("G1 X[#3]", "G1 X[#3] Y#7"),
+        MACRO.replace("END1", "IF [#1 EQ 150] GOTO 20\nEND1\nN20"),
+        MACRO.replace("G1 X0\n", "G66 P8\nG1 X0\n").replace("M30\n", "G67\nM30\nO8\nG0 Z9\nM99\n"),
+    ],
+    ids=["plain", "division", "vacant", "vacant word", "goto", "modal macro"],
+)
+def test_compiled_macro_loops_equal_lines(text, slowly):
+    fast, slow = interpret(text, Setup(dialect="fanuc")), slowly(text, dialect="fanuc")
+    assert fast.commands == slow.commands
+    assert fast.diagnostics == slow.diagnostics
+    assert len(slow.commands) > 400
+
+
+def test_a_macro_loop_is_compiled():
+    run = gcode.run.Run(MACRO, Setup(dialect="fanuc"))
+    assert any(isinstance(item, MoveBlock) for item in run.stream())
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        ("fanuc", "#1=5\nN10 G1 X#1 F100\n#1=#1-Q1\nIF [#1 GT 0] GOTO 10\nG1 X5 I1\nG5X1\nM30\n"),
+        ("linuxcnc", "#1=5 F100\no1 while [#1 GT 0]\nG1 X#1\n#1=[#1-Q1]\no1 endwhile\nG1 X\nG1 Y1 Y2\nM2\n"),
+        (
+            "linuxcnc",
+            "F100\no9 sub\n#31=[#31-Q1]\no8 do\nG0 X1\no8 while [#31 GT 0]\no9 endsub\n#31=3\no9 call\nG1 X\nM2\n",
+        ),
+    ],
+)
+def test_a_loop_that_lost_its_end_to_an_error_does_not_hide_the_errors_behind_it(dialect, text):
+    errors = interpret(text, Setup(dialect=dialect)).errors
+    lines = text.split("\n")
+    assert {lines[error.line - 1] for error in errors} >= {
+        line for line in lines if "Q1" in line or line in {"G1 X", "G1 Y1 Y2", "G5X1"}
+    }
+    assert "GC089" not in {error.code for error in errors}
+
+
 def test_shapes_equal_lines(slowly):
     rng = np.random.default_rng(9)
     lines = ["G21 G90 F100", "#1=2.5"]

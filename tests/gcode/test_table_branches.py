@@ -64,6 +64,12 @@ def test_is_refused(code, line):
     assert found[:1] == [code]
 
 
+def test_compensation_forbids_only_what_changes_something():
+    assert not run(COMPENSATED + "G92.1\nG21\nG17\nG0 X40\nG40\nG0 X0").errors
+    assert [d.code for d in run("G92 X1\n" + COMPENSATED + "G92.1").errors] == ["GC090"]
+    assert [d.code for d in run(COMPENSATED + "G20").errors] == ["GC090"]
+
+
 def test_a_code_meant_in_tenths_is_named():
     assert "did you mean G38.3?" in run("G383 X1").errors[0].hint
     assert "G38.3" in run("G38.9 X1").errors[0].hint
@@ -194,10 +200,10 @@ def test_saved_modes_come_back():
 
 
 def test_g97_ends_the_surface_speed():
-    result = run("G96 D900 S50\nG97 S100\nG97")
-    modes = [c.spelled for c in result.commands if isinstance(c, Spindle) and "MODE" in c.spelled]
-    assert modes[0] == "SET_SPINDLE_MODE(0 0.0000)"
-    assert [d.code for d in result.diagnostics] == ["GC203"]
+    for text, spelled in (("G97", ["SET_SPINDLE_MODE(0 0.0000)"]), ("G97 S100", ["SET_SPINDLE_SPEED(0, 100.0000)"])):
+        result = run("G96 D900 S50\n" + text)
+        assert [c.spelled for c in result.commands if isinstance(c, Spindle) and c.line == 4] == spelled
+        assert [d.code for d in result.diagnostics] == ["GC203"]
 
 
 def test_a_saved_tolerance_needs_no_merging():
