@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 if TYPE_CHECKING:
+    from machines.control import RateStatus
     from planner.stream import Progress as StreamProgress
 
 
@@ -24,10 +25,11 @@ class RunProgress:
             TextColumn("line {task.fields[line]} of " + str(last_line)),
             TextColumn("{task.fields[left]} left"),
             TextColumn("{task.fields[place]}"),
+            TextColumn("{task.fields[state]}"),
             console=Console(stderr=True),
             transient=True,
         )
-        self._task = self._bar.add_task("run", total=max(duration_s, 1e-9), line=0, left="", place="")
+        self._task = self._bar.add_task("run", total=max(duration_s, 1e-9), line=0, left="", place="", state="")
 
     def __enter__(self) -> RunProgress:
         self._bar.start()
@@ -51,7 +53,34 @@ class RunProgress:
         """Show where the stream is."""
         place = " ".join(f"{axis}{value:.2f}" for axis, value in progress.position.items())
         left = minutes(max(progress.duration_s - progress.time_s, 0.0))
-        self._bar.update(self._task, completed=progress.time_s, line=progress.line, left=left, place=place)
+        total = max(progress.duration_s, 1e-9)
+        self._bar.update(self._task, total=total, completed=progress.time_s, line=progress.line, left=left, place=place)
+
+    def say(self, words: str) -> None:
+        """A line above the bar."""
+        self._bar.console.print(words, highlight=False)
+
+    def show(self, status: RateStatus) -> None:
+        """Show whether the machine is held, and overrides."""
+        self._bar.update(self._task, state=rate_words(status))
+
+
+def rate_words(status: RateStatus) -> str:
+    """What is not as programmed: ``HELD  feed 80 %``."""
+    found = []
+    if status.state == "holding":
+        found.append(f"holding: rest in {status.rest_s:.2f} s, {status.rest_mm:.2f} mm")
+    elif status.state == "held":
+        found.append("HELD")
+    if status.feed_percent != 100:
+        found.append(f"feed {status.feed_percent:.0f} %")
+    if status.rapid_percent != 100:
+        found.append(f"rapids {status.rapid_percent:.0f} %")
+    if status.bus_percent < 100:
+        found.append(f"slowed to {status.bus_percent:.0f} % for the host")
+    if status.refused:
+        found.append(f"refused: {status.refused}")
+    return "  ".join(found)
 
 
 def minutes(seconds: float) -> str:

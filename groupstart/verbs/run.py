@@ -57,8 +57,9 @@ def command(
 ) -> None:
     """Run FILE (without it: the shipped example) and leave a run folder.
 
-    The whole program is checked and planned before anything moves. Ctrl-C first stops every motor, then ends the
-    program with exit status 2. On the simulated machine the verdict decides: 0 good, 1 not.
+    The whole program is checked and planned before anything moves. On a terminal, space holds and resumes, + and -
+    change the feed, < and > the rapids, q stops. Ctrl-C first stops every motor, then ends the program with exit
+    status 2. On the simulated machine the verdict decides: 0 good, 1 not.
     """
     from machines.bringup import is_simulated
     from machines.rundir import RunFolder
@@ -113,17 +114,22 @@ def run_in(
     folder: RunFolder, job: Job, plan: Plan, machine: MachineFile, options: RunOptions, replan: Replan
 ) -> RunResult:
     """Run with a progress bar and with the journal in the run folder."""
+    from groupstart.keys import HELP, Keys
     from groupstart.progress import RunProgress
     from groupstart.stopflag import StopFlag
     from machines.runner import perform
 
     last_line = len(job.text.splitlines())
-    with RunProgress(plan.trajectory.duration_s, last_line) as progress, StopFlag() as stop:
+    progress = RunProgress(plan.trajectory.duration_s, last_line)
+    with StopFlag() as stop, Keys(show=progress.show) as keys, progress:
+        if keys.listening:
+            progress.say(f"keys: {HELP}")
 
         def ask(request: str) -> bool:
-            with progress.aside():
+            with progress.aside(), keys.aside():
                 return options.ask is not None and options.ask(request)
 
+        options = replace(options, control=keys)
         return perform(
             job,
             plan,
