@@ -7,6 +7,7 @@ A byte is ten bits (PIC-STEP data sheet, section 3.1: one start bit, eight data 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from nmc.chips.common import BAUD_DIVISORS, true_baud
 
@@ -27,6 +28,23 @@ CLOCKS_NS = 100_000
 def module_byte_ns(baud: int) -> int:
     """Duration of one byte sent by a module that was set to ``baud`` (a key of the sheet's table of divisors)."""
     return round(BITS_PER_BYTE * 1_000_000_000 / true_baud(BAUD_DIVISORS[baud]))
+
+
+class Window(NamedTuple):
+    """When a command was executed, link time in ns.
+
+    earliest_ns, latest_ns: certain. likely_ns: not before this if the host noted the answer when it came: the sheet
+    lets a module take ``REPLY_DELAY_MAX_NS`` at most, but a host may look at its port later.
+    """
+
+    earliest_ns: int
+    latest_ns: int
+    likely_ns: int
+
+    @property
+    def middle_ns(self) -> int:
+        """The best guess."""
+        return (self.likely_ns + self.latest_ns) // 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +90,8 @@ class BusTiming:
 
     def execution_window_ns(
         self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int = 0
-    ) -> tuple[int, int]:
-        """Earliest and latest instant at which a PIC-STEP executed the command of this exchange.
+    ) -> Window:
+        """When a PIC-STEP executed the command of this exchange.
 
         The reply bounds the outbound delay from above: the command was complete before the reply began. A reply that
         comes later than anything assumed of host and module says that the assumption on the host is wrong; then it is
@@ -83,4 +101,6 @@ class BusTiming:
         reply_ns = max(first, replied_ns - self.reply_ns(extra_bytes))
         foreseen_ns = first + self.jitter_max_ns
         broken = reply_ns > foreseen_ns + self.reply_delay_max_ns + CLOCKS_NS
-        return first, (reply_ns if broken else min(foreseen_ns, reply_ns)) + self.start_delay_max_ns
+        last = reply_ns if broken else min(foreseen_ns, reply_ns)
+        likely = min(max(first, reply_ns - self.reply_delay_max_ns), last)
+        return Window(first, last + self.start_delay_max_ns, likely)

@@ -15,6 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from nmc.budget import Window
+from nmc.phase import Phase
+
 PPM = 1_000_000
 
 
@@ -59,37 +62,38 @@ class StepTimer:
 class Latch:
     """A latch of the position that has been sent and not yet read: the twins as they were, and what came after."""
 
-    earliest_ns: int
-    latest_ns: int
+    window: Window
     timers: tuple[StepTimer, StepTimer, StepTimer]
     superseded: list[tuple[int, int]]
-    loads: list[tuple[int, int, int]]
+    loads: list[tuple[Window, int]]
 
 
 class StepTimerTwin:
     """Nominal, fastest and slowest step timer of one axis, in host time."""
 
-    __slots__ = ("_latch", "_superseded", "crystal_ppm", "fast", "nominal", "slow", "steps")
+    __slots__ = ("_latch", "_superseded", "crystal_ppm", "fast", "nominal", "phase", "slow", "steps")
 
     def __init__(self, crystal_ppm: int) -> None:
         self.crystal_ppm = crystal_ppm
         self.nominal = StepTimer()
         self.fast = StepTimer()
         self.slow = StepTimer()
+        self.phase = Phase(crystal_ppm)
         self.steps = 0
         self._superseded: list[tuple[int, int]] = []
         self._latch: Latch | None = None
 
-    def start(self, earliest_ns: int, latest_ns: int, period_ns: int, steps: int) -> None:
+    def start(self, window: Window, period_ns: int, steps: int) -> None:
         """A run of ``steps`` was started from rest at an instant within the given window."""
         self.steps = steps
-        self.nominal.start((earliest_ns + latest_ns) // 2, period_ns, steps)
-        self.fast.start(earliest_ns, self._fast_period(period_ns), steps)
-        self.slow.start(latest_ns, self._slow_period(period_ns), steps)
+        self.phase.start(window)
+        self.nominal.start(window.middle_ns, self._likely_period(period_ns), steps)
+        self.fast.start(window.earliest_ns, self._fast_period(period_ns), steps)
+        self.slow.start(window.latest_ns, self._slow_period(period_ns), steps)
         self._superseded.clear()
         self._latch = None
 
-    def load(self, earliest_ns: int, latest_ns: int, period_ns: int) -> None:
+    def load(self, window: Window, period_ns: int) -> None:
         """A new count was executed within the given window while the axis was moving.
 
         Slower: the fastest chip takes it last and the slowest first, and that bounds every other chip. Faster: a chip
@@ -99,9 +103,15 @@ class StepTimerTwin:
         loads may fall into one long period).
         """
         if self._latch is not None:
-            self._latch.loads.append((earliest_ns, latest_ns, period_ns))
-        self.nominal.advance((earliest_ns + latest_ns) // 2)
-        self.nominal.period_ns = period_ns
+            self._latch.loads.append((window, period_ns))
+        self.nominal.advance(window.middle_ns)
+        self.phase.load(window, self.nominal.next_ns, self.nominal.period_ns, period_ns)
+        self._load(window, period_ns)
+
+    def _load(self, window: Window, period_ns: int) -> None:
+        earliest_ns, latest_ns, _ = window
+        self.nominal.advance(window.middle_ns)
+        self.nominal.period_ns = self._likely_period(period_ns)
         fast, slow = self.fast, self.slow
         running_ns = self._longest_running_ns(earliest_ns)
         self._superseded.append((slow.period_ns, latest_ns))
@@ -120,10 +130,10 @@ class StepTimerTwin:
         fast.period_ns = self._fast_period(period_ns)
         slow.period_ns = self._slow_period(period_ns)
 
-    def latch(self, earliest_ns: int, latest_ns: int) -> None:
+    def latch(self, window: Window) -> None:
         """The position was saved within the given window (Save Current Position as Home); it will be read later."""
         timers = (replace(self.fast), replace(self.nominal), replace(self.slow))
-        self._latch = Latch(earliest_ns, latest_ns, timers, list(self._superseded), [])
+        self._latch = Latch(window, timers, list(self._superseded), [])
 
     def latched(self, steps: int) -> bool:
         """The saved position was read: ``steps`` of this run had been made at the latch.
@@ -136,17 +146,19 @@ class StepTimerTwin:
             return True
         fast, nominal, slow = latch.timers
         left = self.steps - steps
-        if not fast.left_at(latch.latest_ns) <= left <= slow.left_at(latch.earliest_ns):
+        earliest_ns, latest_ns, _ = latch.window
+        if not fast.left_at(latest_ns) <= left <= slow.left_at(earliest_ns):
             return False
         self.fast, self.nominal, self.slow, self._superseded = fast, nominal, slow, latch.superseded
-        running_ns = self._longest_running_ns(latch.earliest_ns)
+        self._learn(latch.window, left)
+        running_ns = self._longest_running_ns(earliest_ns)
         for timer, period_ns in ((fast, 0), (nominal, nominal.period_ns), (slow, running_ns)):
-            if timer.left_at(latch.earliest_ns) < left:  # one step more than was seen: it comes after the latch
-                timer.left, timer.next_ns = left, latch.earliest_ns + 1
-            elif timer.left_at(latch.latest_ns) > left:  # one step less: it came before
-                timer.left, timer.next_ns = left, latch.latest_ns + period_ns
+            if timer.left_at(earliest_ns) < left:  # one step more than was seen: it comes after the latch
+                timer.left, timer.next_ns = left, earliest_ns + 1
+            elif timer.left_at(latest_ns) > left:  # one step less: it came before
+                timer.left, timer.next_ns = left, latest_ns + period_ns
         for load in latch.loads:
-            self.load(*load)
+            self._load(*load)
         return True
 
     def done(self, now_ns: int) -> int:
@@ -169,6 +181,20 @@ class StepTimerTwin:
         """
         self._superseded = [(p, since_ns) for p, since_ns in self._superseded if p > earliest_ns - since_ns]
         return max(self.slow.period_ns, *(p for p, _ in self._superseded), 0)
+
+    def _likely_period(self, period_ns: int) -> int:
+        return period_ns + round(period_ns * self.phase.rate)
+
+    def _learn(self, window: Window, left: int) -> None:
+        """The chip had ``left`` steps to go at an instant in the window; the nominal twin is as it was then."""
+        nominal = self.nominal
+        if not 0 < left < self.steps or nominal.left <= 0:
+            return
+        next_ns = nominal.next_ns + (nominal.left - left) * nominal.period_ns
+        nominal.next_ns += self.phase.observe(window, next_ns - nominal.period_ns, next_ns)
+        while nominal.next_ns - nominal.period_ns > window.latest_ns and nominal.left < self.steps:
+            nominal.next_ns -= nominal.period_ns
+            nominal.left += 1
 
     def _fast_period(self, period_ns: int) -> int:
         return period_ns - period_ns * self.crystal_ppm // PPM - 1

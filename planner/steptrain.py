@@ -28,8 +28,8 @@ SAMPLE_S = 1e-4
 CHUNK_S = 2.0
 GAP_SHARE = 0.9
 GAP_MAX_S = 0.012
-"""A gap longer than this, or than this share of the longest period, begins a new leg: slow steps are exactly timed single
-moves, for a count that meets a long period at the wrong side of its roll-over puts the axis that period off."""
+"""A gap longer than this, or than this share of the longest period, begins a new leg: slow steps are single moves
+timed exactly, for a count that meets a long period at the wrong side of its roll-over puts the axis that period off."""
 APEX_OVERSHOOT_STEPS = 0.4
 APEX_GAP_S = 0.02
 NOISE_STEPS = 1e-6

@@ -23,9 +23,9 @@ from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-WORTH_UM = 0.5
+WORTH_UM = 0.4
 """A load is sent only if it mends at least this much."""
-HORIZON = 0.8
+HORIZON = 0.6
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
 LOOK_NS = 400_000
 """First step of the search for the next moment at which something is worth sending; it grows by a quarter a step."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nmc.budget import BusTiming
+from nmc.budget import BusTiming, Window
 from nmc.twin import StepTimerTwin
 from planner.motors import StepMotor
 from planner.quantize import NS_PER_S, count_of_period, nearest_speed, period_of_count_ns, period_range_ns
@@ -62,6 +62,7 @@ class StepAxis:
         self.stop_motor_sent = True
         self.in_stream = False
         self.halts = False
+        self.asked_ns = 0
         self._last_ns = 0
 
     # --- what the axis is doing -----------------------------------------------------------------------------------
@@ -286,13 +287,13 @@ class StepAxis:
 
     # --- what has happened -----------------------------------------------------------------------------------------
 
-    def executed(self, load: Load, earliest_ns: int, latest_ns: int) -> None:
+    def executed(self, load: Load, window: Window) -> None:
         """``load`` was started within the given window."""
         if load.leg is None:
-            self.twin.load(earliest_ns, latest_ns, load.period_ns)
+            self.twin.load(window, load.period_ns)
             return
         self.leg = self.train.pop()
         assert self.leg is load.leg
         self.stop_motor_sent = False
-        self.twin.start(earliest_ns, latest_ns, load.period_ns, len(self.leg))
+        self.twin.start(window, load.period_ns, len(self.leg))
         self.halts = False

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 
-from nmc.budget import BusTiming
+from nmc.budget import BusTiming, Window
 from nmc.program import Evidence, Exchange
 from planner.stream_axis import LOAD_TRAJECTORY, MOVING, SAFETY_NS, START_NOW, Load, StepAxis
 from planner.stream_error import StreamError
@@ -111,7 +111,7 @@ class StepSchedule:
             return
         window = self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, 0)
         for axis, load in pending:
-            axis.executed(load, *window)
+            axis.executed(load, window)
         self.slices += 1
 
     # --- one axis ----------------------------------------------------------------------------------------------------
@@ -129,6 +129,7 @@ class StepSchedule:
     def ask(self, axis: StepAxis) -> Stream:
         """Read the moving bit of an axis that has probably arrived: its next leg need not wait for the slowest twin."""
         evidence = yield Exchange(axis.motor.address, NO_OPERATION, bus=self.bus)
+        axis.asked_ns = self.now_ns
         if evidence.status is not None and not evidence.status & MOVING:
             axis.close()
 
@@ -160,8 +161,8 @@ class StepSchedule:
         timing = self.timing
         return send_ns + timing.command_ns(data_bytes) + (timing.jitter_max_ns + timing.start_delay_max_ns) // 2
 
-    def window(self, evidence: Evidence) -> tuple[int, int]:
-        """Earliest and latest execution of the exchange that ``evidence`` answers."""
+    def window(self, evidence: Evidence) -> Window:
+        """When the exchange that ``evidence`` answers was executed."""
         return self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, len(evidence.exchange.data))
 
     def load(self, axis: StepAxis, data: bytes, send_ns: int = 0) -> Exchange:

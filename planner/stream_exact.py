@@ -119,7 +119,7 @@ class ExactLane(StepLane):
         data, load = axis.piece_load((last_ns - execute_ns) // len(piece))
         evidence = yield schedule.load(axis, data, turn.send_ns)
         schedule.expect_rest(axis, evidence)
-        axis.executed(load, *schedule.window(evidence))
+        axis.executed(load, schedule.window(evidence))
 
     def worth_um(self, turn: Turn) -> float:
         """A running piece is never changed."""

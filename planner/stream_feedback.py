@@ -18,7 +18,7 @@ from planner.stream_regroup import STREAMING_GROUP
 SAVE_HOME, READ_STATUS = 0xC, 0x3
 HOME_ITEM = b"\x10"
 HOME_BYTES = 4
-INTERVAL_NS = 60_000_000
+INTERVAL_NS = 10_000_000
 """Time between two latches: a chip that differs from its twin is stopped within this and a few exchanges."""
 QUIET_EXCHANGE_NS = 773_000
 """A No Operation on a host without jitter; on a slower one the round costs more and comes less often."""
@@ -63,7 +63,7 @@ class Feedback:
         window = schedule.window(evidence)
         self._unread = [axis for axis in self.axes if axis.moving and axis.in_stream]
         for axis in self._unread:
-            axis.twin.latch(*window)
+            axis.twin.latch(window)
         self.next_ns = schedule.now_ns + self.interval_ns
 
     def _read(self, axis: StepAxis) -> Stream:

@@ -124,7 +124,7 @@ class GroupSchedule(StepSchedule):
         data, load = axis.leg_load(execute_ns, execute_ns + ahead_ns, start_now=True)
         evidence = yield self.load(axis, data, send_ns)
         self.expect_rest(axis, evidence)
-        axis.executed(load, *self.window(evidence))
+        axis.executed(load, self.window(evidence))
         return True
 
     def _trim(self, axis: StepAxis) -> Said:
@@ -140,7 +140,7 @@ class GroupSchedule(StepSchedule):
         if not evidence.sent:
             return False
         self.expect_moving(axis, evidence)
-        axis.executed(load, *self.window(evidence))
+        axis.executed(load, self.window(evidence))
         return True
 
     def _wait(self, start_ns: int) -> Exchange:

@@ -31,6 +31,10 @@ HALT_NS = 200_000
 """A Stop Motor into a gap is complete this long after the step before it."""
 EARLY_NS = 300_000
 """An axis that would arrive this much before its plan is slowed in good time."""
+ASK_DEVIATIONS = 2.0
+"""An axis is asked when it has arrived with this much certainty."""
+ASK_AGAIN_NS = 2_000_000
+"""Time between two questions whether an axis has arrived."""
 LAST_NS = 150_000
 """How long before the last safe moment the slowing count is sent."""
 
@@ -108,12 +112,26 @@ class StepLane:
         axis = self.axis
         if axis.halts:
             return max(axis.halt_ns(), self.schedule.now_ns) + HALT_NS - self.timing.command_ns(1)
-        if axis.moving:
-            return self._last_count_ns()
         if axis.next_leg() is None:
-            return None
+            return self._last_count_ns() if axis.moving else None
         send_ns = axis.lone_start_ns(horizon_ns) - self.schedule.mean_ns(0, LEG_BYTES)
-        return send_ns - self.timing.worst_ns(1) if axis.needs_stop_motor() else send_ns
+        if axis.needs_stop_motor():
+            send_ns -= self.timing.worst_ns(1)
+        if not axis.moving:
+            return send_ns
+        arrived_ns = self._arrived_ns(send_ns)
+        last_ns = self._last_count_ns()
+        return arrived_ns if last_ns is None else min(last_ns, arrived_ns)
+
+    def _arrived_ns(self, wanted_ns: int) -> int:
+        """When to ask an axis whether it has arrived, so that its next leg begins at ``wanted_ns``.
+
+        The slowest twin may be far behind where the host hesitates; the moving bit says what the chip does.
+        """
+        axis = self.axis
+        likely_ns = axis.twin.nominal.arrival_ns() + round(ASK_DEVIATIONS * axis.twin.phase.deviation_ns())
+        ask_ns = max(wanted_ns - self.timing.mean_exchange_ns(0), likely_ns - self.timing.command_ns(0))
+        return max(ask_ns, axis.asked_ns + ASK_AGAIN_NS)
 
     def _last_count_ns(self) -> int | None:
         """An axis that would arrive early must be slowed while even its fastest twin has steps to go."""
@@ -129,6 +147,9 @@ class StepLane:
         if axis.halts:
             yield from self._halt(turn.send_ns)
             return
+        if axis.moving and axis.likely_stopped_at(turn.send_ns + self.timing.command_ns(0)):
+            yield from schedule.ask(axis)
+            return
         if axis.moving:
             yield from self.mend(turn)
             return
@@ -138,7 +159,7 @@ class StepLane:
         data, load = axis.leg_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
         evidence = yield schedule.load(axis, data, turn.send_ns)
         schedule.expect_rest(axis, evidence)
-        axis.executed(load, *schedule.window(evidence))
+        axis.executed(load, schedule.window(evidence))
 
     def _halt(self, send_ns: int) -> Stream:
         """Stop Motor into the gap behind the last wanted step, then the counter: what is left begins from there."""
@@ -169,7 +190,7 @@ class StepLane:
             schedule.late_slices += 1
             return
         schedule.expect_moving(axis, evidence)
-        axis.executed(load, *schedule.window(evidence))
+        axis.executed(load, schedule.window(evidence))
 
     def chore(self, now_ns: int) -> Said:
         """Stop Motor before a reversal; the moving bit of an axis that has probably arrived; the group for latches."""

@@ -20,6 +20,14 @@ def test_smallest_exchange_is_four_bytes_out_and_two_back() -> None:
 
 def test_the_reply_bounds_the_outbound_delay() -> None:
     timing = BusTiming.at(115200, jitter_max_ns=2_000_000)
-    first, last = timing.execution_window_ns(0, timing.command_ns(4) + timing.reply_ns(0) + 300_000, 4)
-    assert first == timing.command_ns(4)
+    first, last, likely = timing.execution_window_ns(0, timing.command_ns(4) + timing.reply_ns(0) + 300_000, 4)
+    assert first == likely == timing.command_ns(4)
     assert last == first + 300_000 + 250_000
+
+
+def test_a_module_answers_within_half_a_millisecond_so_a_late_answer_tells_of_a_late_command() -> None:
+    timing = BusTiming.at(115200, jitter_max_ns=2_000_000)
+    first, last, likely = timing.execution_window_ns(0, timing.command_ns(4) + timing.reply_ns(0) + 1_900_000, 4)
+    assert first == timing.command_ns(4)  # for certain: the host may have looked at its port late
+    assert likely == first + 1_900_000 - 500_000  # section 3.1
+    assert last == first + 1_900_000 + 250_000
