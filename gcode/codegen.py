@@ -150,8 +150,8 @@ class Writer:
             index += 1
         return out or [f"{indent}pass"]
 
-    def _plain(self, line: Line, indent: str) -> list[str]:
-        out: list[str] = []
+    def _assign(self, line: Line, indent: str) -> list[str]:
+        """All values are read before the first is stored."""
         assigned: list[tuple[str, str]] = []
         for assignment in line.assignments:
             value = self.expression(assignment.value)
@@ -159,12 +159,16 @@ class Writer:
                 assigned.append((self.names.numbered(assignment.index), value))
             else:
                 assigned.append((self.names.named(assignment.name), value))
+        if not assigned:
+            return []
+        targets, values = ", ".join(t for t, _ in assigned), ", ".join(v for _, v in assigned)
+        return [f"{indent}{targets} = {values}"]
+
+    def _plain(self, line: Line, indent: str) -> list[str]:
+        out = self._assign(line, indent)
         moves = self._move(line, indent)
-        if assigned:
-            targets, values = ", ".join(t for t, _ in assigned), ", ".join(v for _, v in assigned)
-            if moves and len(line.words):
-                raise NotCompilableError
-            out.append(f"{indent}{targets} = {values}")
+        if out and moves and len(line.words):
+            raise NotCompilableError
         if line.comment is not None:
             if is_active(line.comment):
                 raise NotCompilableError
@@ -221,11 +225,13 @@ class Writer:
         if keyword in {"return", "endsub"} and self.in_sub:
             value = self.expression(statement.arguments[0]) if statement.arguments else "None"
             return [f"{indent}return {value}"], index + 1
+        if keyword == "ifthen":
+            return self._if_then(index, statement, indent), index + 1
         if construct is None:
             raise NotCompilableError
         if keyword == "if":
             return self._if(construct, indent), construct.end + 1
-        if keyword in {"while", "repeat", "do"}:
+        if keyword in {"while", "mwhile", "repeat", "do"}:
             return self.loop(construct, indent), construct.end + 1
         if keyword in {"break", "continue"} and self.loops and self.loops[-1] == (construct.label, True):
             return [f"{indent}{keyword}"], index + 1
@@ -248,6 +254,13 @@ class Writer:
             out += self.body(start + 1, end, indent + " ")
         return out
 
+    def _if_then(self, index: int, statement: Statement, indent: str) -> list[str]:
+        """IF [...] THEN #1=2 of Macro B."""
+        line = self.program.line(index)
+        assert line is not None
+        head = f"{indent}if {self.condition(statement.arguments[0])}:"
+        return [head, *self._assign(line, indent + " ")]
+
     def loop(self, construct: Construct, indent: str) -> list[str]:
         """A loop with its bound: in the main level it gives its state, in a subprogram it gives up."""
         line = self.program.line(construct.start)
@@ -265,7 +278,7 @@ class Writer:
             value = line.statement.arguments[0]
             head = (
                 f"while {self.condition(value)}:"
-                if construct.kind == "while"
+                if construct.kind != "repeat"
                 else f"for _ in range(times_({self.expression(value)})):"
             )
             out = [indent + head, *self._check(deeper), *self.body(construct.start + 1, construct.end, deeper)]
@@ -312,7 +325,7 @@ class Writer:
 def write_loop(
     program: Program, construct: Construct, windows: frozenset[str], axes: str, *, incremental: bool
 ) -> Unit:
-    """The source of a ``while`` loop that begins at ``construct``. Raises ``NotCompilableError``."""
+    """The source of a ``while`` loop that begins at ``construct`` (of either kind). Raises ``NotCompilableError``."""
     writer = Writer(program, windows, axes)
     body = writer.loop(construct, " ")
     own, shared = writer.main.own, writer.main.shared

@@ -12,6 +12,7 @@ import numpy as np
 from gcode.blockpath import can_run, rows_block
 from gcode.canon import MoveBlock, Text
 from gcode.codegen import CHECK_EVERY, MARK_FEED, NotCompilableError, Unit, write_loop
+from gcode.errors import GcodeError
 from gcode.hothelpers import HELPERS
 from gcode.machine import Machine
 from gcode.program import Construct, Program
@@ -81,7 +82,7 @@ class HotLoops:
             windows = frozenset(self.machine.parameters.windows)
             try:
                 unit = write_loop(program, construct, windows, self.machine.setup.axes, incremental=incremental)
-            except NotCompilableError:
+            except (NotCompilableError, GcodeError):
                 self.ready[key] = None
                 return None
             space = dict(HELPERS)
@@ -96,13 +97,15 @@ class HotLoops:
         """The values of the loop's variables now; None for a name that is not defined."""
         parameters, state = self.machine.parameters, self.machine.state
         own = [
-            parameters.values.get(int(name[1:]), 0.0) if name[0] == "#" else parameters.frames[-1].get(name)
+            parameters.numbered(int(name[1:])) if name[0] == "#" else parameters.frames[-1].get(name)
             for name in unit.own
         ]
         shared = [
-            parameters.values.get(int(name[1:]), 0.0) if name[0] == "#" else parameters.globals.get(name)
+            parameters.numbered(int(name[1:])) if name[0] == "#" else parameters.globals.get(name)
             for name in unit.shared
         ]
+        if any(value is not None and math.isnan(value) for value in (*own, *shared)):
+            raise ValueError  # vacant: the interpreter knows what that means here
         places = [state.position[axis] for axis in unit.axes]
         return (*own, *shared, *places, state.motion, state.feed, parameters.returned)
 

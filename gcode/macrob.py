@@ -8,7 +8,7 @@ from gcode.block import Assignment, Line, Statement
 from gcode.errors import GcodeError
 from gcode.expressions import Value
 from gcode.source import compact
-from gcode.values import read_expression, read_parameter, read_value
+from gcode.values import read_expression, read_open_expression, read_parameter, read_value
 
 _START = re.compile(r"^(?:/\d?)?(?:n\d+)?(if\[|while\[|goto|end\d|do\d)")
 
@@ -62,5 +62,5 @@ def _assignment(line: str, at: int) -> tuple[Assignment, int]:
     index: Value = target.index if hasattr(target, "index") else 0.0
     if line[end : end + 1] != "=":
         raise GcodeError("GC033", "'=' is missing after the parameter", "write #1=...", (at, end))
-    value, stop = read_value(line, end + 1)
+    value, stop = read_open_expression(line, end + 1)
     return Assignment(None, index, value, (at, stop)), stop

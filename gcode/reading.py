@@ -66,7 +66,7 @@ def _lenient(text: str, stripped: str, number: int, dialect: Dialect) -> Read:
         statement = macro_statement(text, number)
         if statement is not None:
             return Read(statement, tuple(warnings))
-    line = scan_line(text, number, lenient=True)
+    line = scan_line(text, number, lenient=True, macro_b=dialect.macro_b)
     if text.count("(") != text.count(")"):
         warnings.append(
             GcodeError("GC212", "a comment is not closed, or holds another one", "close it with ')'", (0, 1))

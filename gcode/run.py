@@ -23,6 +23,7 @@ from gcode.library import Library
 from gcode.machine import Machine
 from gcode.named import ini_value, install
 from gcode.ondemand import flush
+from gcode.patience import Patience
 from gcode.program import Construct, Program, has_percent
 from gcode.reports import Reports
 from gcode.resolve import resolve
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 Event = Command | MoveBlock
 
 
-LINE_COST = 10
-"""A line that the interpreter executes counts as much as ten of a compiled loop."""
+LINE_COST = 25
+"""A line that the interpreter executes in a program with loops counts as much as so many of a compiled one."""
 
 
 class Run(Reports):
@@ -62,6 +63,7 @@ class Run(Reports):
         self._modal_level = 0
         self._hot: HotLoops | None = None
         self._passes = 0
+        self._patience = Patience(self.flow)
         self.machine.run_text = self._run_text
         self.machine.profile = self._profile
         self.machine.parameters.foreign = lambda name: ini_value(setup.ini, name)
@@ -155,6 +157,8 @@ class Run(Reports):
         for fault in flow.main.faults:
             self._note(fault.error, flow.main.name, fault.index + 1, flow.main.lines[fault.index], "error")
         while not self.machine.finished and not self._too_much():
+            if self.failed and not self._patience.lasts():
+                return
             construct = self._warm_loop()
             if construct is not None:
                 yield from self._run_hot(construct)
@@ -173,7 +177,8 @@ class Run(Reports):
         if (
             construct is None
             or not self.may_run_columns()
-            or construct.kind != "while"
+            or construct.kind not in {"while", "mwhile"}
+            or self._modal_macro is not None
             or construct.start != flow.index
             or construct.end < 0
         ):
@@ -196,7 +201,9 @@ class Run(Reports):
         for lines in hot.run(flow.program, construct):
             self._steps += lines
             yield from self._handed_out()
-            if self._too_much():
+            if self.failed:
+                self._patience.spend(lines // LINE_COST)
+            if self._too_much() or self._patience.left <= 0:
                 return
         if hot.finished_at >= 0:
             flow.index = hot.finished_at
@@ -247,7 +254,7 @@ class Run(Reports):
 
     def _execute_line(self, number: int, text: str, program: Program | None) -> None:
         self._line_number = number
-        self._steps += LINE_COST
+        self._steps += LINE_COST if program is not None else 0
         name = program.name if program is not None else self.setup.file
         notes: tuple[GcodeError, ...] = ()
         block: Block | None = None

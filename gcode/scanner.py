@@ -12,7 +12,7 @@ from gcode.block import Assignment, Line, Statement, Word
 from gcode.errors import GcodeError, nearest
 from gcode.expressions import Value
 from gcode.source import COMMENT_MARK, compact
-from gcode.values import read_expression, read_name, read_value
+from gcode.values import read_expression, read_name, read_open_expression, read_value
 
 WORD_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
 _PLAIN_WORD = re.compile(r"([a-mp-z@^$])([+-]?(?:\d+\.?\d*|\.\d+))(?![\d.,])")
@@ -26,8 +26,11 @@ MAX_LINE = 255
 """Longest line of LinuxCNC; longer ones are refused there and warned of in other dialects."""
 
 
-def scan_line(text: str, number: int, *, lenient: bool = False) -> Line:
-    """Reads a line. Raises ``GcodeError`` placed by a compact span. lenient: see ``compact``."""
+def scan_line(text: str, number: int, *, lenient: bool = False, macro_b: bool = False) -> Line:
+    """Reads a line. Raises ``GcodeError`` placed by a compact span.
+
+    lenient: see ``compact``. macro_b: an assignment needs no brackets, as in #1=#2+1.
+    """
     line, comments = compact(text, lenient=lenient)
     comment = comments[-1] if comments else None
     at = 0
@@ -43,7 +46,7 @@ def scan_line(text: str, number: int, *, lenient: bool = False) -> Line:
     if line.startswith("o", at):
         statement = _statement(line, at)
         return Line(number, text, (), (), comment, sequence, delete, statement)
-    words, assignments = _items(line, at)
+    words, assignments = _items(line, at, macro_b)
     return Line(number, text, words, assignments, comment, sequence, delete)
 
 
@@ -56,7 +59,7 @@ def _sequence(line: str, at: int) -> tuple[str, int]:
     return match.group(), match.end()
 
 
-def _items(line: str, at: int) -> tuple[tuple[Word, ...], tuple[Assignment, ...]]:
+def _items(line: str, at: int, macro_b: bool) -> tuple[tuple[Word, ...], tuple[Assignment, ...]]:
     words: list[Word] = []
     assignments: list[Assignment] = []
     while at < len(line):
@@ -73,14 +76,14 @@ def _items(line: str, at: int) -> tuple[tuple[Word, ...], tuple[Assignment, ...]
             words.append(Word(char, value, at, end))
             at = end
         elif char == "#":
-            assignment, at = _assignment(line, at)
+            assignment, at = _assignment(line, at, macro_b)
             assignments.append(assignment)
         else:
             raise _unexpected(line, at)
     return tuple(words), tuple(assignments)
 
 
-def _assignment(line: str, at: int) -> tuple[Assignment, int]:
+def _assignment(line: str, at: int, macro_b: bool) -> tuple[Assignment, int]:
     name: str | None = None
     index: Value = 0.0
     if line.startswith("<", at + 1):
@@ -94,7 +97,7 @@ def _assignment(line: str, at: int) -> tuple[Assignment, int]:
             "write #1=... ; to use a value put it behind a letter",
             (at, end),
         )
-    value, stop = read_value(line, end + 1)
+    value, stop = read_open_expression(line, end + 1) if macro_b else read_value(line, end + 1)
     return Assignment(name, index, value, (at, stop)), stop
 
 

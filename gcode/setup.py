@@ -42,8 +42,8 @@ class Setup:
     file: the name in diagnostics. include: folders of subprogram files. ini: what ``#<_ini[section]name>`` reads.
     user_commands: the M100 to M199 that the machine has; None where no machine is known (then any is taken).
     trim_concave: a path under cutter compensation is trimmed where the tool does not fit, instead of refused.
-    max_errors: a check ends after so many. max_steps: a run ends after so many lines of compiled loops, or a tenth of
-    it of other lines.
+    max_errors: a check ends after so many. max_steps: a program with loops ends after so many lines of compiled loops,
+    or a 25th of it of other lines.
     """
 
     tools: Mapping[int, Tool] | None = None

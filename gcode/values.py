@@ -143,27 +143,40 @@ def read_expression(line: str, at: int, depth: int = 0) -> tuple[Value, int]:
     if line[at : at + 1] != "[":
         raise GcodeError("GC006", "a '[' must stand here", "put the expression in [ ]", (at, at + 1))
     _deeper(depth, at)
+    return _operations(line, at, at + 1, depth)
+
+
+def read_open_expression(line: str, at: int) -> tuple[Value, int]:
+    """An expression without brackets about it, as Macro B has it behind ``=``: it ends where no operator follows."""
+    return _operations(line, None, at, 0)
+
+
+def _operations(line: str, opened: int | None, end: int, depth: int) -> tuple[Value, int]:
+    """Operands and operators from index ``end``, up to the bracket that closes ``opened``."""
     operands: list[Value] = []
     operators: list[str] = []
     starts: list[int] = []
-    end = at + 1
     while True:
         starts.append(end)
         operand, end = read_value(line, end, depth)
         operands.append(operand)
-        operator, end = _operator(line, at, end)
+        operator, end = _operator(line, opened, end)
         rank = PRECEDENCE.get(operator, 0)
         while operators and PRECEDENCE[operators[-1]] >= rank:
             right = operands.pop()
             left = operands.pop()
             starts.pop()
             operands.append(binary_of(operators.pop(), left, right, (starts[-1], end - len(operator))))
-        if operator == "]":
+        if operator in {"]", ""}:
             return operands[0], end
         operators.append(operator)
 
 
-def _operator(line: str, opened: int, at: int) -> tuple[str, int]:
+def _operator(line: str, opened: int | None, at: int) -> tuple[str, int]:
+    """The operator at ``at``; at the end "]", or "" of an open expression."""
+    if opened is None:
+        found = _OPERATOR.match(line, at)
+        return ("", at) if found is None else (found.group(), found.end())
     if line[at : at + 1] == "]":
         return "]", at + 1
     if at >= len(line) or line[at] == "\x01":
@@ -172,10 +185,10 @@ def _operator(line: str, opened: int, at: int) -> tuple[str, int]:
     if match is not None:
         return match.group(), match.end()
     word = _LETTERS.match(line, at)
-    found = word.group() if word else line[at]
-    close = nearest(found, tuple(name for name in PRECEDENCE if name.isalpha()), limit=1) if word else None
+    name = word.group() if word else line[at]
+    close = nearest(name, tuple(name for name in PRECEDENCE if name.isalpha()), limit=1) if word else None
     hint = f"did you mean {close.upper()}?" if close else "operators: + - * / ** MOD AND OR XOR EQ NE GT GE LT LE"
-    raise GcodeError("GC007", f"unknown operator '{found.upper()}'", hint, (at, at + len(found)))
+    raise GcodeError("GC007", f"unknown operator '{name.upper()}'", hint, (at, at + len(name)))
 
 
 def _deeper(depth: int, at: int) -> int:
