@@ -170,14 +170,14 @@ def contours(trace: Trace, trajectory: Trajectory, motors: Sequence[Motor], star
     names = tuple(motor.axis for motor in motors)
     scale = np.array([m.steps_per_unit if isinstance(m, StepMotor) else m.counts_per_unit for m in motors])
     commanded, shaft = (
-        compare_pins(reference, _pins(trace, which), names, names, scale, start_ns)
+        compare_pins(reference, pins_of(trace, which), names, names, scale, start_ns)
         for which in (trace.servo_command, trace.servo_position)
     )
     return commanded, shaft
 
 
-def _pins(trace: Trace, servo_counts: npt.NDArray[np.int32]) -> Pins:
-    """Pins of a trace with either the command or the shaft of its servos.
+def pins_of(trace: Trace, servo_counts: npt.NDArray[np.int32] | None = None) -> Pins:
+    """Pins of a trace with either the command (if nothing is given) or the shaft of its servos.
 
     The chip shows whole counts; while they change, the truth lies half a count above on average.
     """
@@ -185,6 +185,7 @@ def _pins(trace: Trace, servo_counts: npt.NDArray[np.int32]) -> Pins:
         trace.run_axis, trace.run_first_ns, trace.run_period_ns, trace.run_count, trace.run_dir, trace.start_steps
     )
     tracks = []
+    servo_counts = trace.servo_command if servo_counts is None else servo_counts
     for motor in np.unique(trace.servo_axis):
         mine = trace.servo_axis == motor
         counts = servo_counts[mine]

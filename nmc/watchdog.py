@@ -34,6 +34,7 @@ from nmc.link import Link, Root
 from nmc.wire import checksum, pack
 
 REPLY_MAX_BYTES = 16
+STOP_BYTES = 5
 DEFAULT_TIMEOUT_NS = 50_000_000
 OUTBOUND_NS = 500_000
 """What the host may add before its first byte leaves."""
@@ -71,7 +72,8 @@ class Watchdog:
 
     groups: group addresses that get a Stop Motor first. switches: what goes off once every ward has been told to stop.
     baud: rate of the bus. amplifier: level of AMP_EN in the stop.
-    timeout_ns: from the last heartbeat until the group Stop Motor leaves; the nulls before it are sent so much earlier.
+    timeout_ns: from the last heartbeat until the Stop Motor of the last group leaves; the nulls and the stops of the
+    other groups are sent so much earlier.
     latency_ns: what operating system and adapter may add to an answer; an answer that is later still could be taken
     for another module's, so this must not be too small. Raises ValueError if the timeout leaves no room for the nulls.
     """
@@ -97,9 +99,12 @@ class Watchdog:
         self.listen_until_ns = 0
         self._byte_ns = BITS_PER_BYTE * 1_000_000_000 // baud + 1
         self._latency_ns = latency_ns
+        self._between_ns = (STOP_BYTES + REPLY_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS
+        self._ahead_ns = self._between_ns * max(len(self.groups) - 1, 0)
         self._settle_ns = (RESYNC_NULLS + REPLY_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS + OUTBOUND_NS
-        if timeout_ns <= self._settle_ns:
-            raise ValueError(f"{timeout_ns} ns are too short at {baud} baud: the nulls alone take {self._settle_ns} ns")
+        needed_ns = self._settle_ns + self._ahead_ns
+        if timeout_ns <= needed_ns:
+            raise ValueError(f"{timeout_ns} ns are too short at {baud} baud: nulls and group stops take {needed_ns} ns")
         self._beat_ns = 0
         control = picstep.STOP_ABRUPTLY | (picstep.STOP_AMP_ENABLE if amplifier else 0)
         self._stop = bytes((control,))
@@ -116,8 +121,8 @@ class Watchdog:
 
     @property
     def reaction_ns(self) -> int:
-        """Silence of the host after which the take-over begins: the timeout less the time of the nulls."""
-        return self.timeout_ns - self._settle_ns
+        """Silence of the host after which the take-over begins: the timeout less what comes before the last group."""
+        return self.timeout_ns - self._settle_ns - self._ahead_ns
 
     @property
     def due_ns(self) -> int | None:
@@ -173,7 +178,11 @@ class Watchdog:
         if self.phase is not Phase.STOPPING:
             return b""
         self._asked, data = self._plan.pop(0)
-        self._listen(now_ns, len(data))
+        if self._asked is None and self._plan and self._plan[0][0] is None:
+            # nobody needs this answer: the next group waits for its time on the wire only, not for the adapter
+            self.listen_until_ns = now_ns + self._between_ns
+        else:
+            self._listen(now_ns, len(data))
         return data
 
     def _listen(self, now_ns: int, sent_bytes: int) -> None:

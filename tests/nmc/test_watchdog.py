@@ -176,5 +176,5 @@ def test_it_repeats_until_the_last_module_stands() -> None:
 
 
 def test_too_short_a_timeout_is_refused() -> None:
-    with pytest.raises(ValueError, match="nulls alone"):
+    with pytest.raises(ValueError, match="nulls and group stops"):
         Watchdog([], (), baud=9600, timeout_ns=20_000_000)
