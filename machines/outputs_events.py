@@ -129,9 +129,15 @@ def rig_of(config: MachineConfig, simulated: bool) -> Rig:
 
 
 class Timetable:
-    """The events of one trajectory, taken one after the other, and the instants at which they act."""
+    """The events of one trajectory, taken one after the other, and the instants at which they act.
 
-    def __init__(self, trajectory: Trajectory, rig: Rig, start_ns: Callable[[], int]) -> None:
+    speaks: to which buses something can be said here; what is for others is theirs to say.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, rig: Rig, start_ns: Callable[[], int], speaks: Callable[[int], bool]
+    ) -> None:
+        self._speaks = speaks
         self.trajectory = trajectory
         self.rig = rig
         self._start_ns = start_ns
@@ -183,7 +189,8 @@ class Timetable:
                 return self.switch(name, command.value, middle_ns, command.line)
             found = self.switch(name, command.value, partial(self._motion_ns, number), command.line)
             return [replace(due, in_motion=True) for due in found]
-        if isinstance(command, Spindle) and self.rig.drive is not None:
+        drive = self.rig.drive
+        if isinstance(command, Spindle) and drive is not None and self._speaks(drive.bus):
             return self._spindle(command, event.time_s, at_ns)
         return []
 
@@ -197,7 +204,7 @@ class Timetable:
             pin, make = panel.switches[name], partial(panel.switch, name, bool(value))
         else:
             return []
-        if rig.wanted.get(name, 0.0) == value:
+        if rig.wanted.get(name, 0.0) == value or not self._speaks(pin.bus):
             return []
         rig.wanted[name] = value
         return [

@@ -109,6 +109,9 @@ def _pins(data: Mapping[str, Any]) -> Iterator[Found]:
             yield (*path, "pin"), f"{pin} of {module} is already {taken[module, pin]}", ""
         else:
             taken[module, pin] = ".".join(path)
+    buses = {_bus(data, module) for (module, _), use in taken.items() if use.startswith(f"{SPINDLE}.")}
+    if len(buses) > 1:
+        yield (SPINDLE, "on", "module"), "the spindle's pins hang on several buses", "one bus has to say them in order"
     for (module, pin), use in taken.items():
         if pin in ("limit1", "limit2") and _homes_on(data, module, pin):
             yield ("axis", module, "home", "switch"), f"{pin} of {module} is the output {use}", ""
@@ -136,6 +139,14 @@ def _chip(data: Mapping[str, Any], module: str) -> str | None:
         table = _table(data, section).get(module)
         if isinstance(table, dict) and isinstance(table.get("chip"), str):
             return str(table["chip"])
+    return None
+
+
+def _bus(data: Mapping[str, Any], module: str) -> object:
+    for section in ("axis", "motor", "module"):
+        table = _table(data, section).get(module)
+        if isinstance(table, dict):
+            return table.get("bus")
     return None
 
 

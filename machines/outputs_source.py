@@ -50,7 +50,7 @@ class OutputsSource:
         only: bool = False,
         closes: bool = True,
     ) -> None:
-        self.timetable = Timetable(trajectory, rig, start_ns)
+        self.timetable = Timetable(trajectory, rig, start_ns, self._mine_to_say)
         self._inner = inner
         self._rig = rig
         self._start_ns = start_ns
@@ -142,7 +142,7 @@ class OutputsSource:
 
     def _first(self, until_ns: int) -> Due | None:
         """The first thing that should leave before ``until_ns``; it stays in the queue until it is said."""
-        self._queue += [due for due in self.timetable.take(until_ns + AHEAD_NS) if self._mine_to_say(due.bus)]
+        self._queue += self.timetable.take(until_ns + AHEAD_NS)
         found = min(self._queue, key=self._send_ns, default=None)
         if found is not None and self._send_ns(found) <= until_ns:
             return found
@@ -188,7 +188,7 @@ class OutputsSource:
             if self._closed or not self._rig.anything:
                 return None
             self._closed = True
-            self._queue += [each for each in self._closing(now_ns) if self._mine_to_say(each.bus)]
+            self._queue += self._closing(now_ns)
             return self._afterwards(now_ns)
         idle = Due(IDLE, 0.0, lambda: now_ns, 0, lambda: self._poll, self._line, self._bus)
         return self._say(idle, now_ns + IDLE_NS)

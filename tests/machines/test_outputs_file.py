@@ -59,6 +59,10 @@ MISTAKES = [
                  "no pin pwm", id="the spindle's own pwm"),
     pytest.param([(SPINDLE, PINS), ("address = 5", "address = 4"), ('on = { module = "io", pin = "bit4" }\n', "")],
                  "spindle.on", "missing", id="nothing to switch"),
+    pytest.param([(SPINDLE, PINS.replace('module = "io", pin = "bit5"', 'module = "Z", pin = "out4"')),
+                  ('chip = "pic-io"\nbus = "main"\naddress = 5', 'chip = "pic-io"\nbus = "second"\naddress = 1'),
+                  ("[axis.X]", "[bus.second]\n[axis.X]")],
+                 "spindle.on.module", "several buses", id="pins on several buses"),
 ]  # fmt: skip
 
 

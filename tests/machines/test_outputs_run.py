@@ -201,6 +201,24 @@ def test_other_drives_do_the_same(table: str, others: tuple[tuple[str, str], ...
         assert (abs(rpm) < 1, powered) == (True, False)
 
 
+@pytest.mark.parametrize("z", ["main", "second"])
+def test_spindle_and_outputs_may_hang_on_a_bus_without_motors(z: str) -> None:
+    second = '[bus.second]\nport = "sim"\n' if z == "second" else ""
+    place = ('bus = "main"\naddress = 3', f'bus = "{z}"\naddress = {1 if second else 3}')
+    machine = changed(
+        ("\n[axis.X]", f'\n{second}[bus.third]\nport = "sim"\n\n[axis.X]'),
+        place,
+        ('bus = "main"\naddress = 4', 'bus = "third"\naddress = 1'),
+        ('bus = "main"\naddress = 5', 'bus = "third"\naddress = 2'),
+    )
+    ran = run(PROGRAM.replace("G1 X20", "G1 X20 Z2"), machine)
+    assert_good(ran, 3.0)
+    assert ran.result.verdict is not None
+    assert ran.result.verdict.outputs is not None
+    assert ran.result.verdict.outputs.changes == 5
+    assert [fields["wanted_rpm"] for _, fields in ran.of("spindle_at_speed")] == [2000, 0]
+
+
 def test_surface_speed_follows_x() -> None:
     seen: list[tuple[int, float]] = []
 
