@@ -10,7 +10,7 @@ import numpy.typing as npt
 from machines.outcome import Outcome
 from machines.schema import MachineConfig
 from machines.verdict import BusUse, HostUse, Peak, Spread, Verdict, reasons_against
-from machines.wiring import every_motor, scale_of
+from machines.wiring import command_leads_ns, every_motor, scale_of
 from planner.plan import Plan
 from planner.planfile import sample_times
 from planner.quantize import nearest_step
@@ -96,19 +96,27 @@ def step_runs(trace: Trace) -> StepRuns:
     )
 
 
-def trace_pins(trace: Trace, begins_at: Mapping[str, int], servo_counts: npt.NDArray[np.int32]) -> Pins:
+def trace_pins(
+    trace: Trace,
+    begins_at: Mapping[str, int],
+    servo_counts: npt.NDArray[np.int32],
+    lead_ns: Mapping[str, int] | None = None,
+) -> Pins:
     """Where the motors stood, in the counters that held when the run began.
 
     Homing sets a stepper's counter to zero on the way, which its pulses do not show: the counter that was read back
     before the run says where the pulses stand. ``servo_counts``: i4[S], command or shaft of the servo samples. A chip
-    shows whole counts; while they change, the truth lies half a count above on average.
+    shows whole counts; while they change, the truth lies half a count above on average. ``lead_ns``: by motor, how much
+    before its time a command is given (``lag_ms`` of the machine file): it is taken at the instant it is meant for.
     """
+    lead_ns = lead_ns or {}
     tracks = []
     for motor in np.unique(trace.servo_axis):
         mine = trace.servo_axis == motor
         counts = servo_counts[mine]
         changes = np.diff(counts, prepend=counts[0]) != 0
-        tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts + 0.5 * changes))
+        meant_ns = trace.servo_ns[mine] + lead_ns.get(trace.axes[int(motor)], 0)
+        tracks.append(ServoTrack(int(motor), meant_ns, counts + 0.5 * changes))
     found = pins(step_runs(trace), tracks)
     at = int(np.searchsorted(found.time_ns, trace.plan_start_ns - EARLY_NS))
     stood = found.position[at - 1] if at else trace.start_steps.astype(np.float64)
@@ -132,12 +140,12 @@ def _contours(
     scale = np.array([scale_of(by_name[name]) for name in names])
     reference = reference_of(trajectory, programmed)
 
-    def against(servo_counts: npt.NDArray[np.int32]) -> Contour:
-        out = trace_pins(trace, outcome.begins_at, servo_counts)
+    def against(servo_counts: npt.NDArray[np.int32], lead_ns: Mapping[str, int] | None = None) -> Contour:
+        out = trace_pins(trace, outcome.begins_at, servo_counts, lead_ns)
         return compare_pins(reference, out, names, followed, scale, outcome.plan_start_ns)
 
     shaft = against(trace.servo_position) if len(trace.servo_axis) else None
-    return against(trace.servo_command), shaft
+    return against(trace.servo_command, command_leads_ns(config)), shaft
 
 
 def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:

@@ -171,12 +171,18 @@ class StepMotorTable(MotorKeys):
     step: StepTable = StepTable()
 
 
+class AxisServoTable(ServoTable):
+    """``[axis.X.servo]``: the gains, and ``lag_ms``: the shaft is commanded so much ahead of the plan."""
+
+    lag_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=5)] = 0.0
+
+
 class ServoMotorTable(MotorKeys):
     """A motor behind a PIC-SERVO."""
 
     chip: Literal["pic-servo"]
     counts_per_unit: Scale
-    servo: ServoTable
+    servo: AxisServoTable
 
 
 class Cy545MotorTable(Table):

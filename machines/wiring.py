@@ -99,8 +99,15 @@ def motors(config: MachineConfig) -> list[Motor]:
         mode = speed_mode(config, axis, step)
         found.append(StepMotor(name, axis, buses.index(step.bus), step.address, step.steps_per_unit, mode))
     for name, (axis, servo) in servo_tables(config).items():
-        found.append(ServoMotor(name, axis, buses.index(servo.bus), servo.address, servo.counts_per_unit))
+        lead_ns = round(servo.servo.lag_ms * NS_PER_MS)
+        bus = buses.index(servo.bus)
+        found.append(ServoMotor(name, axis, bus, servo.address, servo.counts_per_unit, lead_ns=lead_ns))
     return sorted(found, key=lambda motor: (motor.bus, motor.address))
+
+
+def command_leads_ns(config: MachineConfig) -> dict[str, int]:
+    """How much ahead of the plan the command of each PIC-SERVO motor is given (``lag_ms``)."""
+    return {motor.name: motor.lead_ns for motor in motors(config) if isinstance(motor, ServoMotor)}
 
 
 def scale_of(motor: Motor | Indexer) -> float:

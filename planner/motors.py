@@ -29,7 +29,8 @@ class ServoMotor:
     """A DC servo on a PIC-SERVO with servo rate divisor 1.
 
     axis: planned axis that it follows. counts_per_unit: signed, encoder counts/mm or counts/deg. crystal_fast_ppb: by
-    how much its clock is known to run fast, None: not known.
+    how much its clock is known to run fast, None: not known. lead_ns: it is commanded so much ahead of the plan, by
+    which its shaft lags.
     """
 
     name: str
@@ -38,6 +39,7 @@ class ServoMotor:
     address: int
     counts_per_unit: float
     crystal_fast_ppb: int | None = None
+    lead_ns: int = 0
 
 
 Motor = StepMotor | ServoMotor

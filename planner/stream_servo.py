@@ -49,6 +49,7 @@ class ServoLane:
     def __init__(self, trajectory: Trajectory, motor: ServoMotor, schedule: StepSchedule, start_ns: int) -> None:
         self.motor = motor
         self.schedule = schedule
+        start_ns -= motor.lead_ns  # the whole plan that much earlier: the shaft is then where the plan is
         self.timing: BusTiming = schedule.timing
         self.address = motor.address
         self.track = Track(trajectory, motor.axis, motor.counts_per_unit, start_ns)
@@ -137,7 +138,7 @@ class SmoothLane(ServoLane):
         self.profiler = Profiler(self.point * ONE)
         self.tick = 0
         self.resting = True
-        self._leaves_ns = self._next_leaving(start_ns)
+        self._leaves_ns = self._next_leaving(self.track.start_ns)
 
     def retime(self) -> None:
         """A resting axis must look again when the plan leaves its place."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from machines.judge import reference_of, trace_pins
 from machines.runner import RunResult
 from machines.schema import MachineConfig
-from machines.wiring import every_motor, scale_of
+from machines.wiring import command_leads_ns, every_motor, scale_of
 from planner.cy545 import Indexer
 from planner.motors import Motor
 from planner.types import F8, I4, Trajectory
@@ -71,7 +71,10 @@ def measured_pins(
     trace, outcome = result.trace, result.outcome
     if trace is None or outcome is None:
         return None
-    out = trace_pins(trace, outcome.begins_at, trace.servo_position if shaft else trace.servo_command)
+    if shaft:
+        out = trace_pins(trace, outcome.begins_at, trace.servo_position)
+    else:
+        out = trace_pins(trace, outcome.begins_at, trace.servo_command, command_leads_ns(config))
     time_s, q = _of_axes(config, trace, out, tuple(trajectory.axes))
     return measure(trajectory, time_s, q)
 
