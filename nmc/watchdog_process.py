@@ -18,7 +18,6 @@ import json
 import mmap
 import os
 import select
-import struct
 import subprocess
 import sys
 import tempfile
@@ -34,24 +33,29 @@ PERIOD_NS = 2_000_000
 LOCK_PATIENCE_NS = 20_000_000
 PORT_LATENCY_NS = 20_000_000
 """An answer over a USB adapter may come this late (16 ms latency timer)."""
-_WORDS = struct.Struct("=qqqq")
+_WORDS_BYTES = 32
 _BEAT, _ARMED, _FENCED, _STANDING = range(4)
 
 
 class SharedWords:
-    """Four 64-bit words between two processes, and a lock that a dead process loses."""
+    """Four 64-bit words between two processes, and a lock that a dead process loses.
+
+    A word is aligned and copied as one machine word, so the other process never sees half of it. (``struct`` would
+    clear it first: a child that looks just then sees a heartbeat of the year zero and stops a healthy machine.)
+    """
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
-        self._memory = mmap.mmap(descriptor, _WORDS.size)
+        self._memory = mmap.mmap(descriptor, _WORDS_BYTES)
+        self._words = memoryview(self._memory).cast("q")
 
     def get(self, word: int) -> int:
-        """One word; aligned, so read whole."""
-        return int(struct.unpack_from("=q", self._memory, 8 * word)[0])
+        """One word, read whole."""
+        return self._words[word]
 
     def put(self, word: int, value: int) -> None:
-        """Write one word."""
-        struct.pack_into("=q", self._memory, 8 * word, value)
+        """Write one word, whole."""
+        self._words[word] = value
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
@@ -76,6 +80,7 @@ class SharedWords:
 
     def close(self) -> None:
         """Forget the memory."""
+        self._words.release()
         self._memory.close()
 
 
@@ -89,7 +94,7 @@ class SupervisedLink:
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         self._link = SerialLink(port, baud)
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the link
-        self._file.truncate(_WORDS.size)
+        self._file.truncate(_WORDS_BYTES)
         self._words = SharedWords(self._file.fileno())
         self._child: subprocess.Popen[bytes] | None = None
         self._armed = False
