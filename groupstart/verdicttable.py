@@ -51,6 +51,10 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
             f"{verdict.late_slices} late",
         )
     )
+    if verdict.outputs is not None:
+        off = verdict.outputs
+        words = f"{off.changes} changes, at most {off.off_ms_max:.2f} ms off, rms {off.off_ms_rms:.2f} ms"
+        rows.append(("spindle and outputs", words))
     rows += _host_rows(verdict)
     if verdict.sim_time_s is None:
         return rows  # what went against the data sheets only the twin can tell
