@@ -40,6 +40,7 @@ NS_PER_MS = 1_000_000
 STEADY_POLL_NS = 10_000_000
 STEADY_FOR_NS = 300_000_000
 STEADY_WITHIN_NS = 3_000_000_000
+WATCHDOG_WITHIN_NS = 3_000_000_000
 
 
 @dataclass(slots=True)
@@ -183,6 +184,18 @@ def armed(connection: Connection) -> Iterator[None]:
             guard.disarm()
 
 
+def watchdogs_stand(connection: Connection) -> bool:
+    """Whether the watchdogs have taken every bus and hear that everybody stands; waits while they are at it."""
+    guards = [guard for link in connection.links if (guard := _supervised(link)) is not None]
+    clock = connection.links[0]
+    until_ns = clock.now_ns() + WATCHDOG_WITHIN_NS
+    if len(guards) < len(connection.links) or not all(guard.fenced for guard in guards):
+        return False
+    while not all(guard.standing for guard in guards) and clock.now_ns() < until_ns:
+        clock.sleep_until(clock.now_ns() + STEADY_POLL_NS)
+    return all(guard.standing for guard in guards)
+
+
 def set_step_parameters(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
     """Set Parameters as the machine file has them, with speed mode ``mode`` ("1x", "2x", "4x" or "8x")."""
     step = table.step
@@ -292,9 +305,13 @@ def stop_everything(connection: Connection) -> int:
         rounds = stop_together(connection.buses)
         for indexer in connection.indexers.values():
             indexer.finish_stop()
-    finally:
+    except BaseException:
         if connection.rig is not None:  # the motion first; but whatever becomes of it, the spindle has to go off
-            switch_off(connection.rig, connection.buses)
+            with suppress(NmcError):
+                switch_off(connection.rig, connection.buses)
+        raise
+    if connection.rig is not None:
+        switch_off(connection.rig, connection.buses)
     return rounds
 
 

@@ -16,6 +16,7 @@ exception in the middle of one; so are hold, resume and override (``machines.con
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -179,11 +180,10 @@ class Session:
                     self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
                     self.stop()
         except (NmcError, StreamError, ValueError) as error:
-            positions = self._stop_after_failure(str(error))
             line = source.progress().line if source else 0
-            raise SessionError(f"line {line}: {error}" if line else str(error), positions) from error
+            raise self._failed(f"line {line}: {error}" if line else str(error)) from error
         except BaseException as error:
-            self._stop_after_failure(type(error).__name__)
+            self._failed(str(error) or type(error).__name__)
             raise
         statistics = streamed.statistics
         statistics.slice_ms = self._slice_ms(statistics.loads, source.plan_start_ns)
@@ -238,9 +238,9 @@ class Session:
                 self.note("homed", self.now_ns, axis=axis, spread_steps=homed.spread_steps)
                 done.append(homed)
         except (NmcError, ValueError) as error:
-            raise SessionError(f"homing {axis}: {error}", self._stop_after_failure(str(error))) from error
+            raise self._failed(f"homing {axis}: {error}") from error
         except BaseException as error:
-            self._stop_after_failure(type(error).__name__)
+            self._failed(str(error) or type(error).__name__)
             raise
         self._change(State.IDLE)
         return done
@@ -261,14 +261,20 @@ class Session:
 
     def stop(self) -> dict[str, int]:
         """Stop every motor at once; returns the counters read back. Raises SessionError if one cannot be stopped."""
+        rounds, positions = self._stopped()
+        self.note("all_stopped", self.now_ns, rounds=rounds, positions=positions)
+        return positions
+
+    def _stopped(self) -> tuple[int, dict[str, int]]:
+        """Rounds of stops that it took, and where the motors then stand."""
         try:
             rounds = bringup.stop_everything(self.connection)
         except NmcError as error:
-            self._change(State.FAULTED)
+            self.state = State.FAULTED
+            if bringup.watchdogs_stand(self.connection):
+                raise SessionError("the watchdog has stopped every motor; where they stand is not known") from error
             raise SessionError(f"MOTORS MAY STILL BE MOVING, use the emergency stop: {error}") from error
-        positions = self._positions()
-        self.note("all_stopped", self.now_ns, rounds=rounds, positions=positions)
-        return positions
+        return rounds, self._positions()
 
     def close(self) -> None:
         """Close the ports."""
@@ -314,15 +320,25 @@ class Session:
             link = self.connection.links[0]
             link.sleep_until(link.now_ns() + SETTLE_NS)
 
-    def _stop_after_failure(self, words: str) -> dict[str, int] | None:
-        """Bring everything to rest after a failure; the failure itself is what the caller will be told."""
-        self._change(State.FAULTED)
-        self.note("fault", self.now_ns, message=words)
+    def _failed(self, words: str) -> SessionError:
+        """Bring everything to rest after a failure; what the caller is to be told of it, and of a stop that failed.
+
+        A journal that cannot be written, on a full disk perhaps, holds up no stop.
+        """
+        self.state = State.FAULTED
+        self._note_if_possible("state", state=State.FAULTED.value)
+        self._note_if_possible("fault", message=words)
         try:
-            return self.stop()
+            rounds, positions = self._stopped()
         except (NmcError, SessionError) as error:
-            self.note("fault", self.now_ns, message=str(error))
-            return None
+            self._note_if_possible("fault", message=str(error))
+            return SessionError(f"{words}; {error}")
+        self._note_if_possible("all_stopped", rounds=rounds, positions=positions)
+        return SessionError(words, positions)
+
+    def _note_if_possible(self, event: str, **fields: Any) -> None:
+        with suppress(Exception):
+            self.note(event, self.now_ns, **fields)
 
     def _positions(self) -> dict[str, int]:
         return bringup.read_positions(self.connection)

@@ -54,3 +54,23 @@ def test_a_second_signal_interrupts_at_once() -> None:
         assert stop()
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("what", ["note", "write_json", "mkdir"])
+def test_a_full_disk_is_told_with_status_2(
+    what: str, root: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from machines.rundir import RunFolder
+
+    if what == "mkdir":
+        monkeypatch.setattr(RunFolder, "create", full)
+    else:
+        monkeypatch.setattr(RunFolder, what, full)
+    answer = cli("run", str(root / "examples" / "01_compass.nc"), "--runs", str(tmp_path))
+    assert answer.status == 2
+    assert "No space left on device" in answer.err
+    assert "Traceback" not in answer.err
