@@ -144,6 +144,8 @@ class Timetable:
         self._planned = tuple(trajectory.events)
         self._duration_s = trajectory.duration_s
         self._next = 0
+        self._retimed: Sequence[Event] = ()
+        self._times_s: dict[int, float] = {}
 
     @property
     def surface(self) -> Spindle | None:
@@ -259,7 +261,11 @@ class Timetable:
         planned = self._planned[number]
         if not getattr(self.trajectory, "disturbed", False):
             return planned.time_s
-        return next((e.time_s for e in self.trajectory.events if e.command is planned.command), math.inf)
+        events = self.trajectory.events
+        if events is not self._retimed:
+            self._retimed = events
+            self._times_s = {id(event.command): event.time_s for event in events}
+        return self._times_s.get(id(planned.command), math.inf)
 
     def _at_ns(self, number: int) -> int:
         return self.instant_ns(self._time_s(number))
