@@ -1,4 +1,4 @@
-"""Crystals that ``calibrate`` has measured: which record counts where, and what a stream then knows of its motors.
+"""What was measured of the modules: which record counts where, and what a stream then knows of its motors.
 
 A record of a port is one of the module itself. A record of the twin is one of crystals that were drawn from a seed: it
 counts for that seed and nowhere else.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import ceil
 
-from machines.schema import TWIN, CrystalTable, MachineConfig
+from machines.schema import TWIN, CrystalTable, MachineConfig, StepMotorTable
 from machines.wiring import motor_tables, motors, servo_tables
 from planner.motors import Motor, StepMotor
 
@@ -24,8 +24,19 @@ def calibrated(config: MachineConfig, place: str) -> list[Motor]:
     found = []
     for motor in motors(config):
         table = tables.get(motor.name) or servos[motor.name]
-        found.append(motor if table.crystal is None else _with(motor, table.crystal, place))
+        known = motor if table.crystal is None else _with(motor, table.crystal, place)
+        if isinstance(known, StepMotor):
+            known = replace(known, first_at_once=_first_at_once(config, tables[motor.name], place))
+        found.append(known)
     return found
+
+
+def _first_at_once(config: MachineConfig, table: StepMotorTable, place: str) -> bool:
+    """Of the twin ``[sim]`` says it, of a port what was measured on a module."""
+    if place.startswith(TWIN):
+        return config.sim.first_step == "immediate"
+    on_twin = table.probed is not None and table.probed.measured_on.startswith(TWIN)
+    return table.first_step == "immediate" and not on_twin
 
 
 def _with(motor: Motor, crystal: CrystalTable, place: str) -> Motor:

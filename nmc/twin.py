@@ -29,9 +29,9 @@ class StepTimer:
     period_ns: int = 0
     left: int = 0
 
-    def start(self, execute_ns: int, period_ns: int, steps: int) -> None:
-        """Begin a run of ``steps`` from rest."""
-        self.next_ns = execute_ns + period_ns
+    def start(self, execute_ns: int, period_ns: int, steps: int, at_once: bool = False) -> None:
+        """Begin a run of ``steps`` from rest; ``at_once``: with the first step, not with a period."""
+        self.next_ns = execute_ns if at_once else execute_ns + period_ns
         self.period_ns = period_ns
         self.left = steps
 
@@ -69,12 +69,16 @@ class Latch:
 
 
 class StepTimerTwin:
-    """Nominal, fastest and slowest step timer of one axis, in host time."""
+    """Nominal, fastest and slowest step timer of one axis, in host time.
 
-    __slots__ = ("_latch", "_superseded", "crystal_ppm", "fast", "nominal", "phase", "slow", "steps")
+    at_once: this chip was measured to make its first step when it is started, not one period later.
+    """
 
-    def __init__(self, crystal_ppm: int) -> None:
+    __slots__ = ("_latch", "_superseded", "at_once", "crystal_ppm", "fast", "nominal", "phase", "slow", "steps")
+
+    def __init__(self, crystal_ppm: int, at_once: bool = False) -> None:
         self.crystal_ppm = crystal_ppm
+        self.at_once = at_once
         self.nominal = StepTimer()
         self.fast = StepTimer()
         self.slow = StepTimer()
@@ -87,9 +91,9 @@ class StepTimerTwin:
         """A run of ``steps`` was started from rest at an instant within the given window."""
         self.steps = steps
         self.phase.start(window)
-        self.nominal.start(window.middle_ns, self._likely_period(period_ns), steps)
-        self.fast.start(window.earliest_ns, self._fast_period(period_ns), steps)
-        self.slow.start(window.latest_ns, self._slow_period(period_ns), steps)
+        self.nominal.start(window.middle_ns, self._likely_period(period_ns), steps, self.at_once)
+        self.fast.start(window.earliest_ns, self._fast_period(period_ns), steps, self.at_once)
+        self.slow.start(window.latest_ns, self._slow_period(period_ns), steps, self.at_once)
         self._superseded.clear()
         self._latch = None
 

@@ -11,7 +11,8 @@ class StepMotor:
 
     axis: planned axis that it follows. steps_per_unit: signed (negative turns it round), steps/mm or steps/deg.
     speed_mode: 1, 2, 4 or 8 (PIC-STEP data sheet, table 3). crystal_ppm: bound of the chip's unknown clock error, added
-    to crystal_fast_ppb, the parts in 10^9 by which it is known to run fast.
+    to crystal_fast_ppb, the parts in 10^9 by which it is known to run fast. first_at_once: its first step comes with
+    the start, not one period later.
     """
 
     name: str
@@ -22,6 +23,7 @@ class StepMotor:
     speed_mode: int
     crystal_ppm: int = 100
     crystal_fast_ppb: int = 0
+    first_at_once: bool = False
 
 
 @dataclass(frozen=True, slots=True)

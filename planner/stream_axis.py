@@ -53,7 +53,7 @@ class StepAxis:
         self.motor: StepMotor = train.motor
         self.timing = timing
         self.start_ns = start_ns
-        self.twin = StepTimerTwin(self.motor.crystal_ppm)
+        self.twin = StepTimerTwin(self.motor.crystal_ppm, self.motor.first_at_once)
         self._chip_ppb = PPB + self.motor.crystal_fast_ppb
         self.period_min_ns, self.period_max_ns = period_range_ns(self.motor.speed_mode)
         self.position_steps = train.start_steps
