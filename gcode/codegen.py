@@ -128,7 +128,7 @@ class Writer:
             return _COMPARE[value.operator].format(self.expression(value.left), self.expression(value.right))
         if isinstance(value, Binary) and value.operator in _LOGIC:
             return _LOGIC[value.operator].format(self.condition(value.left), self.condition(value.right))
-        return f"{self.expression(value)}!=0.0"
+        return f"abs({self.expression(value)})>0.0"
 
     def body(self, first: int, last: int, indent: str) -> list[str]:
         """The lines from index ``first`` to before ``last``."""

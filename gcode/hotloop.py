@@ -104,8 +104,10 @@ class HotLoops:
             parameters.numbered(int(name[1:])) if name[0] == "#" else parameters.globals.get(name)
             for name in unit.shared
         ]
-        if any(value is not None and math.isnan(value) for value in (*own, *shared)):
-            raise ValueError  # vacant: the interpreter knows what that means here
+        # a vacant parameter of Macro B is None here, with which nothing can be calculated: then the loop gives up
+        own, shared = (
+            [None if value is None or math.isnan(value) else value for value in values] for values in (own, shared)
+        )
         places = [state.position[axis] for axis in unit.axes]
         return (*own, *shared, *places, state.motion, state.feed, parameters.returned)
 
@@ -116,9 +118,11 @@ class HotLoops:
         numbers = [value for value in values[:count] if value is not None]
         if not np.isfinite(table).all() or not all(map(math.isfinite, numbers)):
             raise OverflowError
-        if any(value is None for name, value in zip((*unit.own, *unit.shared), values, strict=False) if name[0] == "#"):
-            raise TypeError
         machine = self.machine
+        known = machine.parameters.values
+        for name, value in zip((*unit.own, *unit.shared), values, strict=False):
+            if value is None and name[0] == "#" and int(name[1:]) in known:
+                raise TypeError  # it became vacant
         machine.emit.block(self._block(program, unit, table))
         parameters, state = machine.parameters, machine.state
         for number, name in enumerate((*unit.own, *unit.shared)):

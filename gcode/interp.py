@@ -48,7 +48,15 @@ def interpret(text: str, setup: Setup | None = None, assumptions: Assumptions | 
     return Interpretation(stream, ordered(run), run.dialect.name, run.dialect_reason)
 
 
-__all__ = ["FileRun", "Interpretation", "Run", "interpret", "ordered"]
+def diagnose(text: str, setup: Setup | None = None, assumptions: Assumptions | None = None) -> list[Diagnostic]:
+    """The diagnostics of a program. What it commands is not kept, so a long loop needs no memory."""
+    run = Run(TextSource(text), setup or Setup())
+    for _ in run.stream(assumptions):
+        pass
+    return ordered(run)
+
+
+__all__ = ["FileRun", "Interpretation", "Run", "diagnose", "interpret", "ordered"]
 
 
 def ordered(run: Run) -> list[Diagnostic]:

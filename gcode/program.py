@@ -18,7 +18,7 @@ from gcode.source import split_lines
 
 _FLOW = re.compile(r"^[ \t/]*(?:n[ \t\d.]*)?(?:o|m[ \t]*0*9[89](?!\d))", re.IGNORECASE | re.MULTILINE)
 _MACRO_FLOW = re.compile(
-    r"^[ \t/]*(?:n[ \t\d.]*)?(?:if[ \t]*\[|while[ \t]*\[|goto)|\bg[ \t]*0*6[56]|\bm[ \t]*97",
+    r"^[ \t/]*(?:n[ \t\d.]*)?(?:if[ \t]*\[|while[ \t]*\[|goto|(?:do|end)[ \t]*\d)|\bg[ \t]*0*6[56]|\bm[ \t]*97",
     re.IGNORECASE | re.MULTILINE,
 )
 _END = re.compile(r"^[ \t]*(?:n[ \t\d.]*)?m[ \t]*0*(?:2|30)(?!\d)", re.IGNORECASE)

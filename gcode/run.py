@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 Event = Command | MoveBlock
 
 
-LINE_COST = 25
+LINE_COST = 20
 """A line that the interpreter executes in a program with loops counts as much as so many of a compiled one."""
 
 
@@ -223,7 +223,7 @@ class Run(Reports):
 
     def _too_much(self) -> bool:
         if self._steps > self.setup.max_steps:
-            text = f"more than {self.setup.max_steps} lines executed"
+            text = f"no end after {self.setup.max_steps} steps"
             program = self.flow.program
             line = program.lines[self._line_number - 1] if self._line_number <= len(program.lines) else ""
             self.report(GcodeError("GC089", text, "a loop never ends"), program.name, self._line_number, line)

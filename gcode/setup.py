@@ -43,7 +43,7 @@ class Setup:
     user_commands: the M100 to M199 that the machine has; None where no machine is known (then any is taken).
     trim_concave: a path under cutter compensation is trimmed where the tool does not fit, instead of refused.
     max_errors: a check ends after so many. max_steps: a program with loops ends after so many lines of compiled loops,
-    or a 25th of it of other lines.
+    or a 20th of it of other lines.
     """
 
     tools: Mapping[int, Tool] | None = None
@@ -59,5 +59,5 @@ class Setup:
     user_commands: frozenset[int] | None = None
     trim_concave: bool = False
     max_errors: int = 100
-    max_steps: int = 100_000_000
+    max_steps: int = 40_000_000
     ini: ConfigParser | None = None

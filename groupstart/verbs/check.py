@@ -30,9 +30,9 @@ def command(file: str, machine: str | None, choices: ProgramChoices, as_json: bo
     text = read_program(file)
     setup = program_setup(file, choices)
     if machine is None:
-        from gcode.interp import interpret
+        from gcode.interp import diagnose
 
-        diagnostics = interpret(text, setup).diagnostics
+        diagnostics = diagnose(text, setup)
     else:
         from machines.job import read_job
 

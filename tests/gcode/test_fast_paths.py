@@ -196,6 +196,8 @@ M2
 @pytest.mark.parametrize(
     "text",
     [
+        "F100\n#1=0\no1 while [#1 lt 80]\no2 if [#1 gt 40]\no3 if [#<nix>]\nG1 X#1\no3 endif\no2 endif\n"
+        "#1=[#1+1]\no1 endwhile\nM2\n",
         LOOPS.replace("#<_total>=[#<_total>+#<_value>]\n", ""),
         LOOPS,
         "F100\n#1=0\no1 while [#1 lt 500]\nG1 X[#1/3] Y[COS[#1]]\n#1=[#1+1]\no1 endwhile\nM2\n",
@@ -238,11 +240,13 @@ M30
         MACRO,
         MACRO.replace("#3=#1*2-SIN[#1]", "#3=#1*2-SIN[#1]/[150-#1]"),
         MACRO.replace("#5=0\nG1", "#5=#0\nG1"),
+        MACRO.replace("#1=#1+1", "#1=#1+1\nIF [#1 EQ 90] THEN #8=#9\nIF [#1 GT 170] THEN #8=1\nIF [#8] THEN #2=0"),
+        MACRO.replace("#1=#1+1", "#1=#1+1\nIF [#1 EQ 90] THEN #2=#9"),
         MACRO.replace("G1 X[#3]", "G1 X[#3] Y#7"),
         MACRO.replace("END1", "IF [#1 EQ 150] GOTO 20\nEND1\nN20"),
         MACRO.replace("G1 X0\n", "G66 P8\nG1 X0\n").replace("M30\n", "G67\nM30\nO8\nG0 Z9\nM99\n"),
     ],
-    ids=["plain", "division", "vacant", "vacant word", "goto", "modal macro"],
+    ids=["plain", "division", "vacant", "stays vacant", "becomes vacant", "vacant word", "goto", "modal macro"],
 )
 def test_compiled_macro_loops_equal_lines(text, slowly):
     fast, slow = interpret(text, Setup(dialect="fanuc")), slowly(text, dialect="fanuc")
@@ -251,8 +255,9 @@ def test_compiled_macro_loops_equal_lines(text, slowly):
     assert len(slow.commands) > 400
 
 
-def test_a_macro_loop_is_compiled():
-    run = gcode.run.Run(MACRO, Setup(dialect="fanuc"))
+@pytest.mark.parametrize("text", [MACRO, MACRO.replace("#2=#2+1", "#8=#2")])
+def test_a_macro_loop_is_compiled(text):
+    run = gcode.run.Run(text, Setup(dialect="fanuc"))
     assert any(isinstance(item, MoveBlock) for item in run.stream())
 
 

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from gcode.canon import Rapid
 from gcode.inifile import read_ini
 from gcode.interp import interpret
@@ -117,3 +119,22 @@ def test_a_line_that_is_never_reached_has_no_snapshot():
 def test_an_endless_program_is_bounded():
     result = interpret("o1 while [1]\nG0 X1\nG0 X2\no1 endwhile\nM2\n", Setup(max_steps=20_000))
     assert [d.code for d in result.errors] == ["GC089"]
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        ("fanuc", "N1 G1 X1 F100\nGOTO 1\nM30\n"),
+        ("fanuc", "WHILE [1 EQ 1] DO1\nEND1\nM30\n"),
+        ("fanuc", "DO1\nEND1\nM30\n"),
+        ("fanuc", "DO1\nG0 X1\nEND1\nM30\n"),
+        ("fanuc", "M98 P2 L99999999\nM30\nO2\nG4 P1\nM99\n"),
+        ("linuxcnc", "o1 while [1]\nG1 X1 F100\no1 endwhile\nM2\n"),
+        ("linuxcnc", "F9\no1 while [1]\nG2 X1 Y0 I0.5\nG2 X0 Y0 I-0.5\no1 endwhile\nM2\n"),
+        ("linuxcnc", "o1 do\no1 while [1]\nM2\n"),
+        ("linuxcnc", "o1 repeat [999999999]\nG1 X1 F1\no1 endrepeat\nM2\n"),
+    ],
+)
+def test_a_loop_that_never_ends_is_refused(dialect, text):
+    result = interpret(text, Setup(dialect=dialect, max_steps=100_000))
+    assert [error.code for error in result.errors] == ["GC089"]
