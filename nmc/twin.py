@@ -13,7 +13,7 @@ agree with everything the host knows (execution windows, crystal error), so that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from nmc.budget import Window
 from nmc.phase import Phase
@@ -35,8 +35,14 @@ class StepTimer:
         self.period_ns = period_ns
         self.left = steps
 
+    def copy(self) -> StepTimer:
+        """As it is now."""
+        return StepTimer(self.next_ns, self.period_ns, self.left)
+
     def advance(self, now_ns: int) -> int:
         """Emit every step up to and including ``now_ns``; return how many."""
+        if self.next_ns > now_ns:
+            return 0
         count = self.left - self.left_at(now_ns)
         self.next_ns += count * self.period_ns
         self.left -= count
@@ -136,7 +142,7 @@ class StepTimerTwin:
 
     def latch(self, window: Window) -> None:
         """The position was saved within the given window (Save Current Position as Home); it will be read later."""
-        timers = (replace(self.fast), replace(self.nominal), replace(self.slow))
+        timers = (self.fast.copy(), self.nominal.copy(), self.slow.copy())
         self._latch = Latch(window, timers, list(self._superseded), [])
 
     def latched(self, steps: int) -> bool:

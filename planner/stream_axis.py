@@ -63,6 +63,7 @@ class StepAxis:
         self.in_stream = False
         self.halts = False
         self.asked_ns = 0
+        self._lone: tuple[Leg, int, int] | None = None
         self._last_ns = 0
 
     # --- what the axis is doing -----------------------------------------------------------------------------------
@@ -135,11 +136,14 @@ class StepAxis:
         """Instant at which the next leg must start: its first step and the one ``ahead_ns`` later are on time."""
         leg = self.next_leg()
         assert leg is not None
+        if self._lone is not None and self._lone[0] is leg and self._lone[1] == ahead_ns:
+            return self._lone[2]
         times = leg.instants_ns
         last = min(max(bisect_left(times, times[0] + ahead_ns), 1), len(times) - 1)
         period_ns = (times[last] - times[0]) // last if last else self.period_max_ns // 2
         period_ns = min(max(period_ns, self.period_min_ns), self.period_max_ns)
-        return times[0] + self.start_ns - period_ns
+        self._lone = (leg, ahead_ns, times[0] + self.start_ns - period_ns)
+        return self._lone[2]
 
     def leg_direction(self) -> int:
         """Direction of the running leg."""
