@@ -59,7 +59,12 @@ def calibrate_motor(
     chip = PicStep(bus, table.address)
     steps = run_steps(config, motor, seconds, chip.position())
     set_step_parameters(chip, step_table, "1x")
-    found = calibrate_stepper(chip, timing, asker, steps, seconds, progress)
+    try:
+        found = calibrate_stepper(chip, timing, asker, steps, seconds, progress)
+    except UndecidedError:
+        chip.stop_motor("abruptly")  # the next motor may have its turn: this one must stand
+        set_step_parameters(chip, step_table, f"{speed_mode(config, axis, step_table)}x")
+        raise
     chip.stop_motor("abruptly")
     set_step_parameters(chip, step_table, f"{speed_mode(config, axis, step_table)}x")
     return found

@@ -39,6 +39,9 @@ DENSE_NS = 1_500 * NS_PER_MS
 SPARSE_NS = 20 * NS_PER_MS
 WIRE_SLACK_NS = 2_000
 """What crystal and rounding do to the length of an answer on the wire."""
+SHARP_NS = 400_000
+"""An answer tells which servo tick it came from if its window is shorter than a tick by a good part."""
+SHARP_LEAST = 100
 GOLDEN = 0.618_033_988_75
 PPM_MOST = 1_000
 """No crystal is further off than this."""
@@ -172,17 +175,22 @@ def calibrate_servo(chip: PicServo, timing: BusTiming, asker: Asker, seconds: fl
     clock = TickClock()
     begin_ns = asker.now_ns
     end_ns = begin_ns + round(seconds * NS_PER_S)
+    asked = 0
     number: list[int] = []
     windows: list[Window] = []
     while asker.now_ns < end_ns:
         now_ns = asker.now_ns
         dense = now_ns < begin_ns + DENSE_NS or now_ns > end_ns - DENSE_NS
-        dither_ns = int(SERVO_TICK_NS * (len(number) * GOLDEN % 1.0))  # now and then just before the end of a tick
+        dither_ns = int(SERVO_TICK_NS * (asked * GOLDEN % 1.0))  # now and then just before the end of a tick
         send_ns = now_ns + dither_ns + (0 if dense else SPARSE_NS)
         evidence = asker.exchange(Exchange(chip.address, NOP, send_at_ns=send_ns))
+        asked += 1
         window = received(timing, evidence)
-        number.append(clock.observe(window.last_ns))
-        windows.append(window)
+        if window.last_ns - window.first_ns <= SHARP_NS:
+            number.append(clock.observe(window.last_ns))
+            windows.append(window)
+    if len(number) < SHARP_LEAST:
+        raise UndecidedError(f"only {len(number)} of {asked} answers came promptly enough to tell servo ticks apart")
     first = np.array([window.first_ns for window in windows]) - WIRE_SLACK_NS
     last = np.array([window.last_ns for window in windows]) + WIRE_SLACK_NS
     return crystal_of([Row(np.array(number), first, last)], SERVO_TICK_NS)

@@ -47,24 +47,31 @@ def command(
     """
     from groupstart.stopflag import StopFlag
     from machines.calibrating import calibrate_motor
-    from machines.commission import at_work
+    from machines.commission import UndecidedError, at_work
 
     described = open_machine(machine)
     config = described.config
     wanted = _wanted(config, motors)
     ask_consent(config, port, yes, _warning(config, wanted, seconds))
     found: list[tuple[str, Crystal]] = []
+    undecided: list[str] = []
     with told_in_words(), StopFlag() as stop, at_work(config, port, seed) as connection:
         for motor in wanted:
             with click.progressbar(length=2, label=f"motor {motor}", file=sys.stderr) as bar:
-                crystal = calibrate_motor(
-                    connection, motor, seconds=seconds, stop_requested=stop, progress=partial(bar.update, 1)
-                )
+                try:
+                    crystal = calibrate_motor(
+                        connection, motor, seconds=seconds, stop_requested=stop, progress=partial(bar.update, 1)
+                    )
+                except UndecidedError as error:
+                    undecided.append(f"{motor}: {error}")
+                    continue
             found.append((motor, crystal))
             _print(motor, crystal, as_json)
         place = connection.place
-    if not no_write:
+    if found and not no_write:
         _write(described, machine, found, place)
+    if undecided:
+        raise VerbError("\n".join(["not decided:", *undecided]), EXIT_REFUSED)
 
 
 def _wanted(config: MachineConfig, named: tuple[str, ...]) -> list[str]:

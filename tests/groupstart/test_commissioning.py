@@ -137,3 +137,13 @@ def test_calibrate_measures_and_remembers(tmp_path: Path, cli: Cli) -> None:
         assert crystal.within_ppm < 40
         assert crystal.measured_on == "twin, seed 1"
     assert machine.axis["X"].crystal is None  # type: ignore[union-attr]
+
+
+def test_calibrate_goes_on_where_one_motor_is_not_decided(tmp_path: Path, cli: Cli) -> None:
+    path = own_machine(tmp_path, **{"limit1_at = 118": "limit1_at = 1"})
+    answer = cli("calibrate", "-m", str(path), "X", "Z", "--seconds", "4")
+    assert answer.status == 1
+    assert "X: the motor stopped after" in answer.err
+    machine = read_machine(str(path)).config
+    assert machine.axis["X"].crystal is None  # type: ignore[union-attr]
+    assert machine.axis["Z"].crystal is not None  # type: ignore[union-attr]
