@@ -187,10 +187,8 @@ def test_the_journal_tells_how_far_apart_the_buses_set_out(gantry: Prepared) -> 
 
 
 def test_hold_resume_and_override_of_both_buses(gantry: Prepared) -> None:
-    script = Script(
-        [(0.4, "hold"), (1.2, "resume"), (2.0, "feed 40"), (3.0, "feed 150"), (3.6, "hold"), (4.5, "resume")]
-    )
-    result = run(gantry, control=script)
+    asked = [(0.4, "hold"), (1.2, "resume"), (2.0, "feed 40"), (3.0, "feed 150"), (3.6, "hold"), (4.5, "resume")]
+    result = run(gantry, control=Script(asked))
     good(result)
     assert result.outcome is not None
     holds = result.outcome.holds
@@ -260,7 +258,7 @@ def test_a_bus_that_falls_silent_stops_the_motors_of_the_other_at_once(gantry: P
                 simulation.buses[1].status.noise = lambda coming: []
 
         session.watch = watch
-        with pytest.raises(SessionError, match="MOTORS MAY STILL BE MOVING|bus right"):
+        with pytest.raises(SessionError, match="bus right"):
             session.run(plan.trajectory)
         assert session.state is State.FAULTED
         simulation.links[0].sleep_until(simulation.world.now_ns + 100_000_000)
