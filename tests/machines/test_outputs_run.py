@@ -254,6 +254,18 @@ def test_a_synchronised_output_waits_for_its_motion_and_without_one_never_comes(
     assert ran.level("pen")  # the program has not switched it off, and its end is no stop
 
 
+def test_the_pwm_of_a_servo_that_moves_nothing_is_an_analog_output() -> None:
+    lamp = (
+        '\n[module.lamp]\nchip = "pic-servo"\nbus = "main"\naddress = 6\n\n[analog.1]\nmodule = "lamp"\npin = "pwm"\n'
+    )
+    machine = changed(
+        ("\n# What the simulated machine adds", f"{lamp}least = -1\ngreatest = 1\n\n# What the simulated machine adds")
+    )
+    ran = run("G21 G90\nM68 E1 Q0.5\nG1 X5 F600\nM67 E1 Q1\nG1 X10\nM68 E1 Q-1\nM2\n", machine)
+    assert_good(ran, 2.0)
+    assert [each.value for each in ran.changes("lamp", "pwm")] == [191, 255, 0]
+
+
 def test_outputs_move_with_the_times_of_a_hold() -> None:
     ran = run(PROGRAM, script=[(1.2, "hold"), (1.9, "resume"), (2.2, "feed 50")])
     assert_good(ran, 2.0)
