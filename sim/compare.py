@@ -149,11 +149,24 @@ def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:
 
 def _sim_time(out: Pins, time_s: F8, reference: Reference, knots: F8) -> float:
     """Until the pins stand, plus the rest that the plan prescribes after its own last step."""
-    planned = np.flatnonzero(np.any(np.floor(knots + 0.5) != np.floor(knots[-1] + 0.5), axis=1))
-    planned_last = reference.t_s[planned[-1] + 1] if len(planned) else 0.0
+    planned_last = _last_step_s(reference.t_s, knots)
     short = np.flatnonzero(np.any(np.rint(out.position) != np.rint(out.position[-1]), axis=1))
     stands = time_s[min(short[-1] + 1, len(time_s) - 1)] if len(short) else time_s[0]
     return float(stands + reference.t_s[-1] - planned_last)
+
+
+def _last_step_s(t_s: F8, knots: F8) -> float:
+    """When the plan passes the middle before its last step; 0 if it never leaves its place."""
+    last = 0.0
+    for place in np.moveaxis(knots, 1, 0):
+        level = np.floor(place + 0.5)
+        away = np.flatnonzero(level != level[-1])
+        if len(away):
+            k = int(away[-1])
+            middle = level[-1] + (0.5 if level[k] > level[-1] else -0.5)
+            share = (middle - place[k]) / (place[k + 1] - place[k])
+            last = max(last, float(t_s[k] + share * (t_s[k + 1] - t_s[k])))
+    return last
 
 
 def _spread(values: F8) -> Spread:
