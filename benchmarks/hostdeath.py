@@ -4,8 +4,9 @@
 
 Each run is killed at a random instant and byte of a packet, or right behind a Set Address. The watchdog's stop leaves
 50 ms after the last byte. A chip goes on with its last rate, so off the path it may be hypot(R, v t) - R for a local
-radius R and a speed v, and run on v t. Allowed beside: two steps (or what the profile's commands are off anyway), and
-where the path speeds up or slows down what one axis's rate is older than another's, for each has a load of its own.
+radius R and a speed v, and run on v t. Allowed beside: two steps (or what the profile's commands are off anyway); where
+the path speeds up or slows down, what one axis's rate is older than another's, for each has a load of its own; and what
+one tick of the step timer makes in that time, for a rate between two counts is made of both in turn.
 With the watchdog dead as well a PIC-STEP still stops on the stop position that it holds, and a Stop Here stream stands.
 """
 
@@ -41,6 +42,10 @@ RUN_OUT_NS = 30_000_000_000
 ALLOWED_MM = {"smooth": 0.010, "stop-here": 0.065}
 """Beside the bounds: two steps of 5 um, or what the profile is off on a living host."""
 STEPS_ALLOWED_MM = 0.010
+STALE_S = 0.03
+"""A rate that still holds may have been loaded this long ago: it is renewed when it is worth it."""
+TICK_S = 0.8e-6
+"""One tick of the step timer in speed mode 2x (PIC-STEP data sheet, section 4.1)."""
 
 
 class HostDiedError(Exception):
@@ -159,8 +164,11 @@ def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_n
     died_s = (died_ns - start_ns) * 1e-9
     reach_s = (TIMEOUT_NS + EXCHANGE_NS) * 1e-9
     speed, radius, change = _around(path, died_s, reach_s)
-    allowed = ALLOWED_MM.get(case.profile, STEPS_ALLOWED_MM)
-    allowed += change * len(path.axes) * EXCHANGE_NS * 1e-9 * reach_s
+    allowed = ALLOWED_MM.get(case.profile, 0.0)
+    if not allowed:
+        rates = np.abs(path.v(np.array([died_s]))[0])
+        tick = float(np.linalg.norm(rates**2 * np.abs(scale))) * TICK_S * reach_s
+        allowed = STEPS_ALLOWED_MM + change * len(path.axes) * EXCHANGE_NS * 1e-9 * reach_s + tick
     run = speed * reach_s
     near = path.q(np.arange(max(died_s - 0.2, 0.0), died_s + reach_s + 0.2, 2e-4))
     whole = path.q(np.linspace(0.0, path.duration_s, 20_001))
@@ -182,7 +190,7 @@ def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_n
 
 def _around(path: Trajectory, died_s: float, reach_s: float) -> tuple[float, float, float]:
     """Greatest speed, least radius, greatest change of speed around a death: where the machine may still get to."""
-    t = np.arange(max(died_s - 0.01, 0.0), died_s + reach_s, 5e-4)
+    t = np.arange(max(died_s - STALE_S, 0.0), died_s + reach_s, 5e-4)
     v, a = path.v(t), path.a(t)
     speed = np.linalg.norm(v, axis=1)
     moving = speed > 0.2

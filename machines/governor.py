@@ -115,8 +115,8 @@ class Governor:
         wanted_ns = 0
         if measured_ns > TOLERATED_NS:
             wanted_ns = min(-(-measured_ns // STEP_NS) * STEP_NS, EXCESS_MAX_NS)
-        if wanted_ns > self.excess_ns:
-            return self._assume(wanted_ns, now_ns)
+        if wanted_ns > self.excess_ns:  # by a quarter at least: every change times the path anew
+            return self._assume(min(max(wanted_ns, self.excess_ns * 5 // 4), EXCESS_MAX_NS), now_ns)
         if wanted_ns == self.excess_ns:
             self._calm_from_ns, self._calm_excess_ns = now_ns, 0
             return None

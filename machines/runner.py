@@ -25,7 +25,7 @@ from machines.wiring import every_motor, planned_axes, scale_of, stands_within
 from nmc.program import Evidence
 from planner.motors import ServoMotor
 from planner.plan import Plan
-from planner.retime import RetimablePlan
+from planner.retime import RetimablePlan, rehearse
 from planner.stream import Progress
 from planner.types import Trajectory
 from sim.build import Simulation
@@ -97,6 +97,8 @@ def perform(
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
         session.watch = partial(_told, session, options)
         try:
+            if not is_simulated(config, options.port):
+                rehearse(plan)
             session.connect()
             if options.home:
                 session.home(options.home)

@@ -126,6 +126,20 @@ class RetimablePlan:
         return self._live
 
 
+def rehearse(plan: Plan) -> None:
+    """Load everything that a hold or an override needs: on a port there is no time for it while something moves."""
+    if plan.setting is None or not len(plan.timed.intervals):
+        return
+    trial = RetimablePlan(plan)
+    half = trial.duration_s / 2
+    trial.override(half, Rate(0.9, 0.9))
+    rest = trial.hold(half + 0.01)
+    trial.resume(rest.time_s + 0.01)
+    times = np.linspace(0.0, trial.duration_s, 3)
+    trial.q(times)
+    trial.line(times)
+
+
 def live_of(plan: Plan, begin_s: float, end_s: float, own: tuple[int, int] | None = None) -> LiveTrajectory:
     """The stretch [begin_s, end_s] of a plan as a live trajectory that is planned to its end; it begins at rest.
 

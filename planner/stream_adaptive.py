@@ -42,6 +42,9 @@ class AdaptiveSchedule(StepSchedule):
         self.lanes: list[Lane] = [StepLane(axis, self) for axis in axes]
         self.servos: list[ServoLane] = []
         self.exchange_ns = timing.mean_exchange_ns(COUNT_BYTES)
+        self.soon_ns = timing.worst_ns(COUNT_BYTES)
+        """An appointment this near is waited for. A host that proves slower does not make it longer: slow axes, whose
+        every step is an appointment, would keep all others from the bus."""
         self.feedback = Feedback(self, axes)
         self.hold: Hold | None = None
         self._new_times: Trajectory | None = None
@@ -111,7 +114,7 @@ class AdaptiveSchedule(StepSchedule):
         """The most urgent thing; or, if nothing is, whatever will be, at its time."""
         turn = Turn(self.now_ns, self._horizon_ns())
         first = self._next_appointment(turn.horizon_ns)
-        if first is not None and first[0] <= self.now_ns + self.timing.worst_ns(COUNT_BYTES):
+        if first is not None and first[0] <= self.now_ns + self.soon_ns:
             yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             return
         if self.feedback.due() and self.feedback.overdue():
@@ -152,7 +155,7 @@ class AdaptiveSchedule(StepSchedule):
         ends = [ns for lane in self.lanes if (ns := lane.next_change_ns()) is not None]
         limit_ns = min([self.now_ns + LOOK_AHEAD_NS, *ends])
         if first is not None:
-            limit_ns = min(limit_ns, first[0] - self.timing.worst_ns(COUNT_BYTES))
+            limit_ns = min(limit_ns, first[0] - self.soon_ns)
         look_ns = LOOK_NS
         at_ns = self.now_ns + look_ns
         while at_ns < limit_ns:
@@ -162,7 +165,7 @@ class AdaptiveSchedule(StepSchedule):
                 return
             look_ns += LOOK_NS // 4
             at_ns += look_ns
-        if first is not None and first[0] <= at_ns + self.timing.worst_ns(COUNT_BYTES):
+        if first is not None and first[0] <= at_ns + self.soon_ns:
             yield from first[1].keep(Turn(max(first[0], self.now_ns), horizon_ns))
             return
         asked = next((lane for lane in self.lanes if lane.moving), self.lanes[0])
