@@ -1,4 +1,4 @@
-"""Speed of the interpreter: a CAM file of 300,000 lines, loops of O-words, expressions on every line, memory.
+"""Speed of the interpreter: a CAM file of 300,000 lines, loops of O-words, expressions on every line, memory, start.
 
     python benchmarks/interpreter.py            all figures, and LinuxCNC's rs274 beside them where it is installed
     python benchmarks/interpreter.py --write F  only writes the CAM file
@@ -170,6 +170,16 @@ def steady(text: str) -> float:
     return best
 
 
+def check_of_a_short_program(folder: Path) -> float:
+    """CPU seconds of ``groupstart check`` of a hundred lines, the whole process."""
+    path = folder / "short.ngc"
+    lines = [f"G1 X{n * 0.5:.3f} Y{n % 7}.25 Z-{n * 0.01:.3f} F{300 + n}" for n in range(93)]
+    path.write_text("\n".join(["G21 G90 G17", "T1 M6", "S1000 M3", "G0 X0 Y0 Z5", *lines, "G0 Z5", "M5", "M2", ""]))
+    root = Path(__file__).resolve().parent.parent
+    command = [sys.executable, "-m", "groupstart", "check", str(path)]
+    return cpu(command, env={**os.environ, "PYTHONPATH": str(root)})[0]
+
+
 def executed_lines(name: str, lines: int) -> int:
     return {"loop": 500_000, "calls": 20_000 * 9}.get(name, lines)
 
@@ -202,6 +212,7 @@ def main() -> None:
             path.write_text(cam_program(lines))
             seconds, rows, kilobytes, _ = ours(path)
             print(f"{lines:9,d} lines: {seconds:.2f} s, {rows:,d} rows, {kilobytes / 1024:.0f} MB resident")
+        print(f"check of 100 lines: {check_of_a_short_program(folder):.3f} s")
 
 
 if __name__ == "__main__":
