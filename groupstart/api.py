@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from gcode.canon import Position
     from gcode.errors import Diagnostic
     from gcode.setup import Setup
+    from machines.control import Control
     from machines.job import Job
     from machines.load import MachineFile
     from machines.runner import RunResult
@@ -85,12 +86,18 @@ def verify(
     solver: Literal["auto", "toppra", "kernel"] = "auto",
     profile: str = "auto",
     seed: int | None = None,
+    control: Control | None = None,
 ) -> RunResult:
-    """Run a program on the machine's twin: its verdict, trace and violations. Raises as :func:`plan`."""
+    """Run a program on the machine's twin: its verdict, trace and violations. Raises as :func:`plan`.
+
+    ``control``: holds, resumes and overrides it, such as ``Script([(0.5, "hold"), (1.0, "resume"), (2.0, "feed 50")])``
+    of ``machines.control``.
+    """
     from machines.runner import RunOptions, perform
 
     ready = plan(program, machine, work_offset=work_offset, dialect=dialect, solver=solver)
-    return perform(ready.job, ready.plan, ready.machine, RunOptions(port="sim", seed=seed, profile=profile))
+    options = RunOptions(port="sim", seed=seed, profile=profile, control=control)
+    return perform(ready.job, ready.plan, ready.machine, options)
 
 
 def _text(program: str | Path) -> tuple[str, str]:

@@ -44,3 +44,14 @@ def test_verify_gives_verdict_and_trace() -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_thing"):
         _ = groupstart.no_such_thing
+
+
+def test_verify_is_held_and_slowed_by_a_script() -> None:
+    from machines.control import Script
+
+    result = verify("G21 G90 F900\nG1 X20\nM2\n", control=Script([(0.4, "hold"), (0.9, "resume"), (1.0, "feed 50")]))
+    assert result.verdict is not None
+    assert result.verdict.ok
+    [hold] = result.verdict.holds
+    assert hold.announced_mm > 0
+    assert result.plan.trajectory.duration_s > 2.0
