@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.paths import ClosedForm, circle, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, stream
+from benchmarks.rig_buses import SharedOutcome, stream_buses
 from planner.motors import StepMotor
 from planner.quantize import speed_mode_for
 from planner.steptrain import StepTrain
@@ -42,6 +43,8 @@ class Case:
     path: str
     seeds: int
     conditions: Conditions
+    buses: tuple[str, ...] = ()
+    """Axes of each bus, where there are several."""
 
 
 def trajectory(path: str, seed: int) -> ClosedForm:
@@ -63,6 +66,7 @@ def cases(seeds: int) -> Iterator[Case]:
                 yield Case(label, profile, f"random {feed} 3", seeds, Conditions(jitter))
     for axes in (2, 4, 6):
         yield Case(f"random 20 mm/s, {axes} axes", "adaptive", f"random 20 {axes}", min(seeds, 6), Conditions())
+    yield from bus_cases(min(seeds, 6))
     for profile in ("smooth", "stop-here"):
         for jitter in (0.0, 2.0):
             for path in ("circle 50 mm, 20", "circle r2, 20", "random 20 3"):
@@ -73,11 +77,29 @@ def cases(seeds: int) -> Iterator[Case]:
         yield Case(f"random 20, X Y servos, Z stepper, jitter {jitter}", "smooth", "random 20 3", min(seeds, 6), mixed)
 
 
+def bus_cases(seeds: int) -> Iterator[Case]:
+    """The same axes on one bus and on several."""
+    for axes, buses in ((3, ("XY", "Z")), (6, ("XYZ", "ABC")), (8, ("XYZA", "BCUV"))):
+        for jitter in JITTER_MS:
+            path, conditions = f"random 20 {axes}", Conditions(jitter)
+            yield Case(f"buses 1: {axes} axes, jitter {jitter}", "adaptive", path, seeds, conditions)
+            label = f"buses 2: {'+'.join(buses)}, jitter {jitter}"
+            yield Case(label, "adaptive", path, seeds, conditions, buses)
+    for jitter in (0.0, 2.0):
+        mixed = Conditions(jitter, servos=("X", "Y"))
+        yield Case(
+            f"buses 2: X Y servos + Z stepper, jitter {jitter}", "smooth", "random 20 3", seeds, mixed, ("XY", "Z")
+        )
+
+
 def run_one(job: tuple[Case, int]) -> Outcome:
     """One seed of a case."""
     case, seed = job
     conditions = Conditions(**{**case.conditions.__dict__, "seed": 100 + seed})
-    return stream(trajectory(case.path, seed), conditions, case.profile)  # type: ignore[arg-type]
+    path = trajectory(case.path, seed)
+    if case.buses:
+        return stream_buses(path, case.buses, conditions, case.profile)  # type: ignore[arg-type]
+    return stream(path, conditions, case.profile)  # type: ignore[arg-type]
 
 
 def floor(path: ClosedForm, steps_per_mm: float = 200.0) -> Contour:
@@ -118,6 +140,9 @@ def report(case: Case, outcomes: list[Outcome]) -> str:
         worst = [max(getattr(s, field) for s in spreads) for field in ("max", "p999", "rms")]
         median = np.median([s.max for s in spreads])
         figures = f"{median:6.2f} {worst[0]:6.2f} {worst[1]:6.2f} {worst[2]:5.2f} steps"
+    if isinstance(outcomes[0], SharedOutcome):
+        shared = [o for o in outcomes if isinstance(o, SharedOutcome)]
+        figures += f" both busy {np.mean([o.overlap for o in shared]):.0%}"
     return f"{case.profile:9s} {case.label:46s} {figures:42s} ends {ends} broken rules {violations} bus {bus:4.0%}"
 
 
