@@ -40,6 +40,8 @@ REST_COUNTS = 2.0
 REST_VELOCITY = 0.4
 """A command this close to a resting plan, and this slow (counts a tick), is put onto it by Stop Here."""
 STILL_COUNTS = 0.05
+STILL_NS = 5_000_000
+"""A plan that stays within ``STILL_COUNTS`` for this time rests."""
 ONE = 1 << FRACTION_BITS
 
 
@@ -218,8 +220,9 @@ class SmoothLane(ServoLane):
         """The point to stop at if the plan rests from ``tick`` on and the command is near enough."""
         time_ns = int(self.clock.end_ns(tick))
         wanted = self.track.at(time_ns)
-        if self.track.leaves_ns(time_ns, wanted, STILL_COUNTS, time_ns + 5_000_000) is not None:
+        if self.track.leaves_ns(time_ns, wanted, STILL_COUNTS, time_ns + STILL_NS) is not None:
             return None
+        wanted = self.track.at(time_ns + STILL_NS)  # the last steps of the plan may round to another count
         now = self.profiler.after(tick - self.tick)
         if abs(now.position / ONE - wanted) > REST_COUNTS or abs(now.velocity) > REST_VELOCITY * ONE:
             return None

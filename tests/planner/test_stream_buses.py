@@ -76,6 +76,12 @@ def test_servos_on_one_bus_and_steppers_on_another(profile: str) -> None:
         assert outcome.contour.contour_um.p999 < 15.0
 
 
+def test_a_servo_whose_plan_ends_just_beyond_half_a_count_ends_on_the_count_beyond() -> None:
+    path = random_path(2, 20.0)
+    assert 0.5 < float(400 * path.q(np.array([path.duration_s]))[0, 0]) % 1 < 0.52
+    good(stream_buses(path, XY_Z, Conditions(2.0, servos=("X", "Y"), seed=102), "smooth"))
+
+
 def test_buses_set_out_together() -> None:
     outcome = stream_buses(random_path(1, 20.0, duration_s=1.0), XY_Z, Conditions(seed=2))
     assert outcome.skew is not None
