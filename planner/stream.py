@@ -136,8 +136,6 @@ class StreamSource:
 
     def rate_control(self) -> tuple[AdaptiveSchedule, Retimed]:
         """What takes new times, and the trajectory that gives them. Raises ValueError as ``hold`` does."""
-        if isinstance(self._stream, ExactSchedule):
-            raise ValueError("profile exact cannot hold; the others can")
         if not isinstance(self.trajectory, Retimed):
             raise ValueError("this trajectory cannot be timed anew")
         if isinstance(self._stream, GroupSchedule):

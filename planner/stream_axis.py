@@ -90,6 +90,10 @@ class StepAxis:
         self._last_ns = self.leg.instants_ns[-1]
         self.leg = None
 
+    def stood(self) -> tuple[int, int]:
+        """Of an axis at rest: since when, in ns of the plan, and on which step."""
+        return max(self._last_ns, 0), self.position_steps
+
     def likely_stopped_at(self, now_ns: int) -> bool:
         """The nominal chip has arrived, though a slower one might not have."""
         return self.leg is not None and self.twin.nominal.arrival_ns() < now_ns

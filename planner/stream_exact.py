@@ -15,11 +15,14 @@ from bisect import bisect_left
 from collections.abc import Sequence
 
 from nmc.budget import BusTiming
+from nmc.program import Exchange
+from planner.quantize import NS_PER_S
 from planner.steptrain import Leg, StepTrain
-from planner.stream_adaptive import AdaptiveSchedule
+from planner.stream_adaptive import IDLE_NS, AdaptiveSchedule
 from planner.stream_axis import StepAxis
-from planner.stream_base import LEG_BYTES, Stream
+from planner.stream_base import LEG_BYTES, NO_OPERATION, Stream
 from planner.stream_lane import StepLane, Turn
+from planner.types import Trajectory
 
 MARGIN_NS = 100_000
 """Added to what execution delay and jitter make uncertain."""
@@ -121,6 +124,13 @@ class ExactLane(StepLane):
         schedule.expect_rest(axis, evidence)
         axis.executed(load, schedule.window(evidence))
 
+    def retime(self, trajectory: Trajectory) -> None:
+        """Cut what is left from the trajectory as it is now; a piece beyond a rest is taken back."""
+        axis, leg = self.axis, self.axis.leg
+        from_ns, steps = axis.stood() if leg is None else (leg.instants_ns[-1] + 1, leg.stop_steps)
+        self.train = PieceTrain(StepTrain(trajectory, axis.motor, from_ns / NS_PER_S, steps))
+        axis.train, axis.trajectory = self.train, trajectory
+
     def worth_um(self, turn: Turn) -> float:
         """A running piece is never changed."""
         return 0.0
@@ -137,7 +147,22 @@ class ExactSchedule(AdaptiveSchedule):
 
     def run(self) -> Stream:
         """No group Start: each piece begins at its own instant, from the first to the last."""
-        while not all(lane.done for lane in self.lanes):
+        while True:
             for lane in self.lanes:
                 lane.settle(self.now_ns)
-            yield from self.proceed()
+            self._take_new_times()
+            if not all(lane.done for lane in self.lanes):
+                yield from self.proceed()
+                continue
+            if self.hold is None:
+                return
+            self.hold.stands = self.hold.stands or self.now_ns > self.hold.rest_ns
+            yield Exchange(self.lanes[0].address, NO_OPERATION, send_at_ns=self.now_ns + IDLE_NS, bus=self.bus)
+
+    def _take_new_times(self) -> None:
+        """A piece that runs ends on its own step; what comes after it gets new instants."""
+        if self._new_times is not None:
+            for lane in self.lanes:
+                assert isinstance(lane, ExactLane)
+                lane.retime(self._new_times)
+        self._new_times = None

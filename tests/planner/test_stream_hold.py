@@ -52,9 +52,7 @@ def test_servos_hold_as_well(profile: str) -> None:
     assert outcome.violations == {}
 
 
-def test_profiles_and_trajectories_without_rate_control_say_so() -> None:
-    with pytest.raises(ValueError, match="profile exact cannot hold"):
-        stream(Warped(circle(2.0, 20.0), 20.0), Conditions(), "exact", [0.2])
+def test_trajectories_without_rate_control_say_so() -> None:
     with pytest.raises(ValueError, match="cannot be timed anew"):
         stream(circle(2.0, 20.0), Conditions(), "adaptive", [0.2])
 
@@ -88,3 +86,13 @@ def test_a_stream_in_slices_is_held_by_single_loads(seed: int) -> None:
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
     assert outcome.contour.contour_steps.max <= 5.5  # the slices before the hold alone take 4.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stream_of_short_moves_is_held_between_them(seed: int) -> None:
+    path = Warped(random_path(seed, 10.0, duration_s=3.0), 10.0)
+    at_s = float(np.random.default_rng(seed).uniform(0.3, 1.5))
+    outcome = stream(path, Conditions(seed=seed), "exact", [at_s], [(at_s + 0.6, 0.5), (at_s + 1.0, 1.0)])
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
+    assert outcome.contour.contour_steps.max <= 4.0

@@ -1,0 +1,91 @@
+"""What the governor makes of exchanges: hiccups are no reason, a slow host is, and calm brings everything back."""
+
+import pytest
+
+from machines.governor import CALM_NS, FIRST_AFTER, Advice, Governor, HostDelays
+from nmc.budget import BusTiming
+from nmc.program import Evidence, Exchange
+
+TIMING = BusTiming.at(115200, jitter_max_ns=200_000)
+MS = 1_000_000
+
+
+class Host:
+    """Answers that come ``excess_ns`` later than foreseen at worst."""
+
+    def __init__(self) -> None:
+        self.governor = Governor(TIMING)
+        self.now_ns = 10 * MS
+
+    def answer(self, excess_ns: int = 0, late_ns: int = 0) -> Advice | None:
+        exchange = Exchange(1, 4, bytes(4), send_at_ns=self.now_ns)
+        sent_ns = self.now_ns + late_ns
+        self.now_ns = sent_ns + TIMING.worst_ns(4) + excess_ns
+        return self.governor.observe(Evidence(exchange, sent_ns, self.now_ns, 1))
+
+    def answers(self, count: int, excess_ns: int = 0) -> list[Advice]:
+        return [advice for _ in range(count) if (advice := self.answer(excess_ns)) is not None]
+
+
+def test_what_was_foreseen_is_no_reason() -> None:
+    host = Host()
+    assert host.answers(1000) == []
+    assert host.answers(1000, 100_000) == []
+    assert host.governor.least_share == 1.0
+
+
+def test_two_hiccups_are_no_reason_and_a_third_is() -> None:
+    host = Host()
+    host.answers(50)
+    assert host.answers(2, 30 * MS) == []
+    [advice] = host.answers(1, 2 * MS)
+    assert advice.jitter_max_ns == 2_200_000
+    assert advice.share == pytest.approx(0.4)
+
+
+def test_a_slow_host_is_known_after_a_few_exchanges() -> None:
+    host = Host()
+    said = host.answers(FIRST_AFTER, MS)
+    assert [advice.jitter_max_ns for advice in said] == [1_200_000]
+    assert host.answers(200, MS) == []
+
+
+def test_it_rises_by_a_quarter_at_least_and_falls_after_a_calm_time() -> None:
+    host = Host()
+    host.answers(10, 4 * MS)
+    [advice] = host.answers(3, 4 * MS + 200_000)
+    assert advice.jitter_max_ns == 5_200_000
+    begin_ns = host.now_ns
+    said = []
+    while host.now_ns < begin_ns + 3 * CALM_NS:
+        said += host.answers(1)
+        assert not said or host.now_ns - begin_ns > CALM_NS
+    assert said[-1] == Advice(200_000, 1.0)
+    assert host.governor.least_share < 0.3
+
+
+def test_late_exchanges_count_like_long_ones() -> None:
+    host = Host()
+    for _ in range(FIRST_AFTER):
+        host.answer(late_ns=3 * MS)
+    assert host.governor.share < 0.5
+    assert host.governor.delays.late == FIRST_AFTER
+
+
+def test_an_exchange_that_did_not_leave_is_a_reason() -> None:
+    host = Host()
+    host.answers(20)
+    exchange = Exchange(1, 4, bytes(4), send_at_ns=host.now_ns, not_after_ns=host.now_ns + 1)
+    for _ in range(3):
+        host.governor.observe(Evidence(exchange, host.now_ns + MS, host.now_ns + MS, None, sent=False))
+    assert host.governor.share < 0.6
+
+
+def test_delays_are_kept_as_quantiles() -> None:
+    delays = HostDelays()
+    assert delays.quantile_ns(0.99) == 0
+    for delay_ns in range(0, 1_000_000, 1000):
+        delays.add(delay_ns)
+    assert delays.quantile_ns(0.5) == 500_000
+    assert delays.quantile_ns(0.99) == 1_000_000
+    assert delays.greatest_ns == 999_000
