@@ -149,11 +149,20 @@ def streams_of(profile: str = "adaptive") -> tuple[BusStreams, Warped]:
     return streams, trajectory
 
 
-def test_a_profile_that_cannot_hold_says_so() -> None:
-    streams, _ = streams_of("exact")
-    with pytest.raises(ValueError, match="cannot hold"):
+@pytest.mark.parametrize("profile", ["group", "adaptive", "exact"])
+def test_a_trajectory_that_cannot_be_timed_anew_says_so_before_any_bus_is_held(profile: str) -> None:
+    streams, trajectory = streams_of(profile)
+    for each in streams.streams:
+        each.trajectory = trajectory.base
+    with pytest.raises(ValueError, match="cannot be timed anew"):
         streams.hold()
     assert not streams.held
+
+
+@pytest.mark.parametrize("profile", ["group", "exact"])
+def test_every_profile_of_steppers_can_be_held(profile: str) -> None:
+    outcome = stream_buses(Warped(circle(2.0, 10.0), 10.0), XY_Z, Conditions(seed=6), profile, [0.5])  # type: ignore[arg-type]
+    good(outcome)
 
 
 def test_what_is_due_late_is_kept_back_and_the_bus_is_asked_meanwhile() -> None:
