@@ -43,6 +43,8 @@ from nmc.talk import Talk, Wait
 from nmc.wire import Reply, pack, unpack_reply
 
 T = TypeVar("T")
+ADAPTER_NS = 20_000_000
+"""By default a USB adapter keeps an answer back for up to 16 ms: who leaves a bus waits so long for one that is out."""
 _STATELESS = (NOP, READ_STATUS, DEFINE_STATUS)
 
 
@@ -204,7 +206,7 @@ class Bus:
         wanted = extra_bytes + 2
         wire_ns = (len(packet) + wanted) * self._byte_ns
         expected_ns = link.now_ns() + wire_ns + REPLY_DELAY_MAX_NS + self.host_latency_ns
-        raw = yield Wait(expected_ns + self.grace_ns, wanted, expected_ns)
+        raw = yield Wait(expected_ns + self.grace_ns, wanted, expected_ns + min(self.grace_ns, ADAPTER_NS))
         counters.bytes_in += len(raw)
         if len(raw) < wanted:
             counters.timeouts += 1

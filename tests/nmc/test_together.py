@@ -181,7 +181,7 @@ def test_a_load_whose_answer_is_given_up_leaves_its_module_unsure() -> None:
         together.begin(0, rig.buses[0].talk(Exchange(1, LOAD, RUN)))
         rig.simulation.buses[0].status.noise = lambda coming: []
         begun_ns = rig.links[0].now_ns()
-    assert rig.links[0].now_ns() - begun_ns < 5 * MS
+    assert rig.links[0].now_ns() - begun_ns < 25 * MS
     with pytest.raises(LocalFault, match="unknown"):
         rig.buses[0].exchange(Exchange(1, LOAD, b"\x08" + (60000).to_bytes(2, "little") + b"\x01"))
 
