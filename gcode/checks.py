@@ -101,7 +101,7 @@ WORD_USERS: dict[str, Users] = {
     ),
     "r": Users(
         ARCS | _DRILL | frozenset({760, 730, 740, 710, 711, 712, 720, 721, 722}),
-        (_G10, (COMPENSATION, frozenset({411, 421}))),
+        (_G10, (COMPENSATION, frozenset({411, 421})), (CONTROL, frozenset({640}))),
         ((SPINDLE, frozenset({19})),),
     ),
 }
@@ -195,6 +195,8 @@ def check_words(block: Block, forgiven: list[GcodeError] | None = None) -> None:
             raise GcodeError("GC025", "G4 without P", "G4 P1.5 rests for 1.5 seconds", "g")
         if motion in ARCS:
             raise GcodeError("GC023", "G4 and an arc both use P", "put them on two lines", "g")
+    if "r" in words and block.g.get(CONTROL) == 640 and block.m.get(SPINDLE) == 19:
+        raise GcodeError("GC023", "G64 and M19 both use R", "put them on two lines", "r")
     if block.g.get(SPINDLE_MODE) == 960 and "s" not in words:
         raise GcodeError("GC025", "G96 without S", "S is the surface speed", "g")
     if motion in {330, 331}:

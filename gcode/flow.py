@@ -89,7 +89,11 @@ class Flow:
     def _find(self, name: str) -> tuple[Program, int]:
         program = self.program
         if name in program.subs:
-            return program, program.subs[name].start + 1
+            start = program.subs[name].start
+            if program is not self.main and self.calls and start > self.index:
+                hint = f"in a file of subprograms O{name} must stand before the one that calls it"
+                raise GcodeError("GC085", f"subprogram O{name} is not yet defined", hint)
+            return program, start + 1
         if name in program.labels:
             return program, program.labels[name] + 1
         main = self.main

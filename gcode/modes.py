@@ -125,6 +125,8 @@ def set_control(machine: Machine, block: Block) -> None:
     if code != 640:
         emit.command(PathControl(emit.line, "exact_path" if code == 610 else "exact_stop"))
         return
+    if "r" in block.words:
+        _set_planner(machine, block.words["r"])
     tolerance, merge = block.words.get("p", -1.0), block.words.get("q", -1.0)
     state.tolerance = tolerance if tolerance >= 0.0 else None
     state.merge = merge if merge >= 0.0 else None
@@ -137,6 +139,12 @@ def set_control(machine: Machine, block: Block) -> None:
             None if state.merge is None else state.merge * unit,
         )
     )
+
+
+def _set_planner(machine: Machine, scale: float) -> None:
+    """G64 R of LinuxCNC's present source: which planner it takes, and its share of the peak. Told, but not followed."""
+    kind, share = (1, min(max(scale, 0.1), 1.0)) if scale > 0.0 else (0, -1.0)
+    machine.emit.text(f"SET_PLANNER_MODE(type={kind}, peak_scale={share:.6f})")
 
 
 def set_lathe_diameter(machine: Machine, block: Block) -> None:

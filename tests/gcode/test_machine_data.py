@@ -71,6 +71,14 @@ def test_a_name_cannot_climb_out_of_the_folders(tmp_path: Path):
     assert [d.code for d in result.errors] == ["GC085"]
 
 
+@pytest.mark.parametrize(("helper_first", "refused"), [(True, []), (False, ["GC085"])])
+def test_a_file_of_subprograms_defines_before_it_calls(tmp_path: Path, helper_first, refused):
+    helper, main = "o200 sub\nG0 X#1\no200 endsub\n", "o<deep> sub\no200 call [4]\no<deep> endsub\n"
+    (tmp_path / "deep.ngc").write_text(helper + main if helper_first else main + helper)
+    result = interpret("o<deep> call\nM2\n", Setup(include=(str(tmp_path),)))
+    assert [d.code for d in result.errors] == refused
+
+
 def test_the_machine_answers_at_synch_points():
     text = "G21 G90 F100\nG0 Z5\nG38.2 Z-10\nG92 Z0\nG0 Z#5063\nM66 P3 L3 Q1\nG0 X#5399\nM2\n"
     events = Run(text, Setup()).events()

@@ -29,7 +29,7 @@ REFUSED = {
     "GC020": ["G10 L20 P1 X1 R5", "G10 L2 P1 I1", "G10 L20 P1 J1 X1", "G33 Z-1 K1 F10"],
     "GC021": ["G80\nX1", "G80\n@5", "G80\nG53 X1"],
     "GC022": ["G80 X1"],
-    "GC023": ["G4 P1 G2 X3 I1", "G92 X1 G1"],
+    "GC023": ["G4 P1 G2 X3 I1", "G92 X1 G1", "G64 R1 M19"],
     "GC024": ["G81", "G92", "G52", "G38.2"],
     "GC025": ["G4", "G96", "G33 Z1", "M62", "M67 Q1", "M61", "M61 Q-1"],
     "GC026": [
@@ -183,6 +183,12 @@ def test_comments_that_do_something():
 def test_a_compiled_loop_leaves_comments_that_act_to_the_interpreter():
     assert is_active("DEBUG, #1")
     assert not is_active("a debugging note")
+
+
+def test_g64_tells_which_planner_is_wanted():
+    found = [line for line in texts("G64 P1 R0.5\nG64 R2.5\nG64 R0.05\nG64 R0\nG64 P1") if "PLANNER" in line]
+    kinds = ["type=1, peak_scale=0.5", "type=1, peak_scale=1.0", "type=1, peak_scale=0.1", "type=0, peak_scale=-1.0"]
+    assert found == [f"SET_PLANNER_MODE({kind}00000)" for kind in kinds]
 
 
 def test_units_take_the_tolerances_along():
