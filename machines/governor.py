@@ -2,7 +2,8 @@
 
 A stream assumes how long a host needs at most before the first byte of a packet leaves (``BusTiming.jitter_max_ns``).
 Every answered exchange shows how long it took and how late it was sent. What goes beyond the assumption is its
-*excess*; the third largest of the last exchanges counts, so that one or two hiccups are no reason and a busy host is.
+*excess*. The largest of the last exchanges is assumed from then on, for a count that comes too late must not leave at
+all; the third largest slows the motion, so that one or two hiccups do not and a busy host does.
 
     excess   :  .  . |.  .    .|. ||.|  .  .  .    .   .   .   .
     assumed  --------+ raised at once                            +--- lowered after a calm time
@@ -20,7 +21,7 @@ from nmc.program import Evidence
 
 WINDOW = 128
 RANK = 3
-"""The excess that counts is the third largest of the window."""
+"""The excess that slows is the third largest of the window."""
 FIRST_AFTER = 6
 """Exchanges that are seen before anything is said."""
 TOLERATED_NS = 150_000
@@ -29,6 +30,10 @@ STEP_NS = 250_000
 """The assumption is raised in such steps."""
 EXCESS_MAX_NS = 30_000_000
 CALM_NS = 2_000_000_000
+SLOW_EVERY_NS = 400_000_000
+"""The speed is lowered no more often than this: each time the path is timed anew, which itself makes the host late."""
+OWN_DOING = 4
+"""Exchanges after a change of speed that say nothing of the host."""
 LATE_NS = 500_000
 """An exchange that leaves this much after its time is counted as late."""
 LOAD_BYTES = 4
@@ -69,25 +74,62 @@ class HostDelays:
         return 0
 
 
+class Level:
+    """An excess that is followed upwards at once, by a quarter at least, and downwards after a calm time."""
+
+    def __init__(self) -> None:
+        self.excess_ns = 0
+        self._calm_from_ns = 0
+        self._calm_excess_ns = 0
+
+    def follow(self, measured_ns: int, now_ns: int) -> bool:
+        """Whether it changes."""
+        wanted_ns = 0
+        if measured_ns > TOLERATED_NS:
+            wanted_ns = min(-(-measured_ns // STEP_NS) * STEP_NS, EXCESS_MAX_NS)
+        if wanted_ns > self.excess_ns:
+            self._set(min(max(wanted_ns, self.excess_ns * 5 // 4), EXCESS_MAX_NS), now_ns)
+            return True
+        if wanted_ns == self.excess_ns:
+            self._calm_from_ns, self._calm_excess_ns = now_ns, 0
+            return False
+        self._calm_excess_ns = max(self._calm_excess_ns, wanted_ns)
+        if now_ns - self._calm_from_ns > CALM_NS:
+            self._set(self._calm_excess_ns, now_ns)
+            return True
+        return False
+
+    def _set(self, excess_ns: int, now_ns: int) -> None:
+        self.excess_ns = excess_ns
+        self._calm_from_ns, self._calm_excess_ns = now_ns, 0
+
+
 class Governor:
     """One bus. timing: what its stream assumes at the beginning."""
 
     def __init__(self, timing: BusTiming) -> None:
         self.timing = timing
         self.delays = HostDelays()
-        self.excess_ns = 0
-        """What is assumed at present beyond the beginning's assumption."""
         self.share = 1.0
         self.least_share = 1.0
         self._recent: deque[int] = deque()
         self._sorted: list[int] = []
-        self._calm_from_ns = 0
-        self._calm_excess_ns = 0
+        self._trust, self._slow = Level(), Level()
+        self._changed_ns = -SLOW_EVERY_NS
+        self._ignore = 0
+
+    @property
+    def excess_ns(self) -> int:
+        """What is assumed at present beyond the beginning's assumption."""
+        return self._trust.excess_ns
 
     def observe(self, evidence: Evidence) -> Advice | None:
         """Look at an exchange; advice only when something is to change."""
         excess_ns = self._excess(evidence)
         if excess_ns is None:
+            return None
+        if self._ignore:
+            self._ignore -= 1
             return None
         self._recent.append(excess_ns)
         insort(self._sorted, excess_ns)
@@ -95,7 +137,18 @@ class Governor:
             del self._sorted[bisect_left(self._sorted, self._recent.popleft())]
         if len(self._recent) < FIRST_AFTER:
             return None
-        return self._judge(self._sorted[-RANK], evidence.replied_ns)
+        now_ns = evidence.replied_ns
+        assumed = self._trust.follow(self._sorted[-1], now_ns)
+        self._slow.follow(self._sorted[-RANK], now_ns)
+        share = self._carried()
+        due = now_ns - self._changed_ns >= SLOW_EVERY_NS
+        if share != self.share and due:
+            self.share = share
+            self.least_share = min(self.least_share, share)
+            self._changed_ns, self._ignore = now_ns, OWN_DOING
+        elif not assumed:
+            return None
+        return Advice(self.timing.jitter_max_ns + self.excess_ns, self.share)
 
     def _excess(self, evidence: Evidence) -> int | None:
         """What an exchange took beyond what is foreseen; None if it says nothing."""
@@ -111,25 +164,8 @@ class Governor:
         self.delays.add(took_ns - timing.command_ns(data) - timing.reply_ns(extra))
         return max(took_ns - timing.worst_ns(data, extra), 0) + max(late_ns - LATE_NS, 0)
 
-    def _judge(self, measured_ns: int, now_ns: int) -> Advice | None:
-        wanted_ns = 0
-        if measured_ns > TOLERATED_NS:
-            wanted_ns = min(-(-measured_ns // STEP_NS) * STEP_NS, EXCESS_MAX_NS)
-        if wanted_ns > self.excess_ns:  # by a quarter at least: every change times the path anew
-            return self._assume(min(max(wanted_ns, self.excess_ns * 5 // 4), EXCESS_MAX_NS), now_ns)
-        if wanted_ns == self.excess_ns:
-            self._calm_from_ns, self._calm_excess_ns = now_ns, 0
-            return None
-        self._calm_excess_ns = max(self._calm_excess_ns, wanted_ns)
-        if now_ns - self._calm_from_ns > CALM_NS:
-            return self._assume(self._calm_excess_ns, now_ns)
-        return None
-
-    def _assume(self, excess_ns: int, now_ns: int) -> Advice:
-        self.excess_ns = excess_ns
-        self._calm_from_ns, self._calm_excess_ns = now_ns, 0
+    def _carried(self) -> float:
+        """The share of the speed that goes with what is assumed."""
         worst_ns = self.timing.worst_ns(LOAD_BYTES)
-        steps = int(worst_ns / (worst_ns + excess_ns) / SHARE_STEP + 1e-9)
-        self.share = max(steps * SHARE_STEP, SHARE_LEAST)
-        self.least_share = min(self.least_share, self.share)
-        return Advice(self.timing.jitter_max_ns + excess_ns, self.share)
+        steps = int(worst_ns / (worst_ns + self._slow.excess_ns) / SHARE_STEP + 1e-9)
+        return max(steps * SHARE_STEP, SHARE_LEAST) if self._slow.excess_ns else 1.0

@@ -16,7 +16,7 @@ from nmc.budget import BusTiming, Window
 from nmc.twin import StepTimerTwin
 from planner.motors import StepMotor
 from planner.quantize import NS_PER_S, count_of_period, nearest_speed, period_of_count_ns, period_range_ns
-from planner.steptrain import Leg, StepTrain, Train
+from planner.steptrain import SHORT_CHUNK_S, Leg, StepTrain, Train
 from planner.types import Trajectory
 
 LOAD_TRAJECTORY = 0x4
@@ -234,22 +234,25 @@ class StepAxis:
         self.trajectory = trajectory
         leg = self.leg
         if leg is None:
-            self.train = StepTrain(trajectory, self.motor, max(self._last_ns, 0) / NS_PER_S, self.position_steps)
+            self.train = self._cut(trajectory, max(self._last_ns, 0), self.position_steps)
             return
         made = min(max(self.twin.done(now_ns), 1), len(leg.instants_ns))
         level = leg.start_steps + leg.direction * made
-        self.train = StepTrain(trajectory, self.motor, (leg.instants_ns[made - 1] + 1) / NS_PER_S, level)
+        self.train = self._cut(trajectory, leg.instants_ns[made - 1] + 1, level)
         instants = leg.instants_ns[:made]
         left = abs(leg.stop_steps - level)
         ahead = self.train.peek()
         if left and ahead is not None and ahead.direction == leg.direction and not self._overslept(ahead, now_ns):
             instants = instants + self.train.pop().instants_ns[:left]
             if len(ahead) > left:  # beyond the stop that the chip holds a new leg begins
-                last_s = (instants[-1] + 1) / NS_PER_S
-                self.train = StepTrain(trajectory, self.motor, last_s, leg.stop_steps)
+                self.train = self._cut(trajectory, instants[-1] + 1, leg.stop_steps)
         times = np.array(instants, dtype=np.int64)
         self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
+
+    def _cut(self, trajectory: Trajectory, from_ns: int, steps: int) -> StepTrain:
+        """What is left of a trajectory from an instant of the plan on; the machine moves meanwhile."""
+        return StepTrain(trajectory, self.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S)
 
     def _overslept(self, ahead: Leg, now_ns: int) -> bool:
         """The period that runs (from the gap of a hold, perhaps) ends much later than the next step is wanted.
@@ -291,7 +294,7 @@ class StepAxis:
         self.stop_motor_sent = True
         self.position_steps = position_steps
         self._last_ns = max(now_ns - self.start_ns, 0)
-        self.train = StepTrain(self.trajectory, self.motor, self._last_ns / NS_PER_S, position_steps)
+        self.train = self._cut(self.trajectory, self._last_ns, position_steps)
 
     # --- what has happened -----------------------------------------------------------------------------------------
 
