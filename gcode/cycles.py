@@ -143,6 +143,8 @@ def _check(machine: Machine, block: Block, motion: int) -> None:
         raise GcodeError("GC056", "a cycle repeated zero times", "L must be 1 or more", "l")
 
 
+MOST_STROKES = 100_000
+"""Strokes of one line at most: a slip in L or Q may not fill the memory."""
 REQUIRED = {820: "p", 860: "p", 880: "p", 890: "p", 730: "q", 830: "q", 870: "ijk"}
 MEANING = {"p": "P is the dwell in seconds", "q": "Q is the depth of a peck", "r": "R is the height of the clear plane"}
 
@@ -188,7 +190,12 @@ def _holes(cycle: Cycle, block: Block, motion: int, hole: Hole, present: float) 
     state = cycle.state
     first, second, third = cycle.axes
     a, b = hole.a, hole.b
-    for repeat in range(block.whole("l") if "l" in block.words else 1):
+    repeats = block.whole("l") if "l" in block.words else 1
+    pecks = (hole.r - hole.bottom) / hole.words["q"] if motion in {730, 830} else 1.0
+    if repeats * max(pecks, 1.0) > MOST_STROKES:
+        at = "l" if repeats > MOST_STROKES else "motion"
+        raise GcodeError("GC056", f"a cycle of more than {MOST_STROKES} strokes on one line", "check L and Q", at)
+    for repeat in range(repeats):
         if repeat == 0 or state.incremental:
             a, b = _next_position(cycle.machine, block, cycle.axes)
         one = Hole(a, b, hole.r, hole.clear, hole.bottom, hole.words)

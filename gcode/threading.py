@@ -35,6 +35,10 @@ def synchronised(machine: Machine, block: Block, motion: int) -> None:
     emit.synchronise(None)
 
 
+MOST_PASSES = 10_000
+"""Passes of one thread at most."""
+
+
 @dataclass(frozen=True, slots=True)
 class Thread:
     """A G76 thread: the drive line's X, heights from it, and the shape of entry and exit."""
@@ -75,12 +79,15 @@ def threading_cycle(machine: Machine, block: Block) -> None:
     angle = -angle if end[2] > state.position[2] else angle
     thread = _thread(machine, block, end, peak, full, angle)
     degression = max(words.get("r", 1.0), 1.0)
+    springs = block.whole("h") if "h" in words else 0
+    if degression * math.log(full / first) > math.log(MOST_PASSES) or springs > MOST_PASSES:
+        raise GcodeError("GC059", f"a thread of more than {MOST_PASSES} passes", "check J, K, R and H", "motion")
     depth, number = abs(peak) + first, 1
     while depth < thread.end_depth:
         _pass(machine, thread, depth, (depth - abs(peak)) * math.tan(angle))
         number += 1
         depth = abs(peak) + first * number ** (1.0 / degression)
-    for _ in range((block.whole("h") if "h" in words else 0) + 1):
+    for _ in range(springs + 1):
         _pass(machine, thread, thread.end_depth, full * math.tan(angle))
     machine.emit.rapid(end)
     state.position = end
