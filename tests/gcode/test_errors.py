@@ -2,6 +2,9 @@
 
 import json
 
+import pytest
+
+from gcode.canon import Feed
 from gcode.interp import interpret
 from gcode.setup import Setup
 
@@ -68,3 +71,10 @@ def test_a_program_without_end_is_warned_of():
 
 def test_what_is_not_supported_is_refused_with_its_place():
     assert places("G81 X1 Z-1 R1\nG42 D1\nM2\n")[0][:2] == (1, 1)
+
+
+@pytest.mark.parametrize("line", ["G1 X1 ; ok", "g 1 x 1 y - 2"])
+def test_what_only_looks_wrong_is_taken(line):
+    result = interpret(f"G21 G90 G17 G94\nF100\nG0 X0 Y0 Z5\n{line}\nM2\n")
+    assert result.diagnostics == []
+    assert [c.end[:2] for c in result.commands if isinstance(c, Feed)] in ([(1.0, 0.0)], [(1.0, -2.0)])
