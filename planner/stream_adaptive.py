@@ -25,6 +25,8 @@ from planner.types import Trajectory
 
 WORTH_UM = 0.4
 """A load is sent only if it mends at least this much."""
+ALARMING_UM = 5.0
+"""A load that mends this much comes before a counter that is due to be read."""
 HORIZON = 0.6
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
 LOOK_NS = 400_000
@@ -117,10 +119,10 @@ class AdaptiveSchedule(StepSchedule):
         if first is not None and first[0] <= self.now_ns + self.soon_ns:
             yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             return
-        if self.feedback.due() and self.feedback.overdue():
+        lane = self._most_urgent(turn)
+        if self.feedback.due() and self.feedback.overdue() and (lane is None or lane.worth_um(turn) < ALARMING_UM):
             yield from self.feedback.step()
             return
-        lane = self._most_urgent(turn)
         if lane is not None:
             yield from lane.mend(turn)
             return
