@@ -145,13 +145,13 @@ class IndexingSource:
         data = chip.prepare(move.end_steps)
         begin_ns = self._begin_ns(stage, chip.wire_ns(len(data)), chip.link.now_ns())
         while begin_ns - chip.link.now_ns() > POLL_NS:
-            yield self._poll(begin_ns - POLL_NS, move.line)
+            yield self._poll(begin_ns - POLL_NS, chip.link.now_ns(), move.line)
         chip.begin(data, move.end_steps, move.profile.duration_ns, begin_ns)
         while chip.link.now_ns() < chip.ready_ns:
-            yield self._poll(chip.ready_ns, move.line)
+            yield self._poll(chip.ready_ns, chip.link.now_ns(), move.line)
         chip.finish()
 
-    def _poll(self, until_ns: int, line: int) -> Exchange:
+    def _poll(self, until_ns: int, now_ns: int, line: int) -> Exchange:
         """Ask a module how it is, at the latest at ``until_ns``: a stop is looked for between two exchanges."""
-        at_ns = min(until_ns, self._now_ns + POLL_NS)
+        at_ns = max(min(until_ns, now_ns + POLL_NS), now_ns)
         return Exchange(self._yard.poll, NOP, send_at_ns=at_ns, line=line, bus=self._yard.bus)

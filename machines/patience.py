@@ -35,7 +35,7 @@ class PatientSource:
             exchange = self._inner.next(now_ns, evidence)
             if exchange is None:
                 return None
-        if exchange.send_at_ns - now_ns <= 2 * LONGEST_WAIT_NS:
+        if exchange.command == NOP or exchange.send_at_ns - now_ns <= 2 * LONGEST_WAIT_NS:
             self._waiting = None
             return exchange
         self._waiting = exchange
