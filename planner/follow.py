@@ -40,8 +40,8 @@ def _advance(
             if i < kept:
                 least = min(least, cost[i])
             else:
-                ahead += length[first + i - 1]
-                if ahead - length[first + i - 1] > reach_mm and i > kept and (best <= keep_mm or i > LOST_SEGMENTS):
+                ahead += length[first + i - 1] if i > kept else 0.0
+                if ahead > reach_mm and (best <= keep_mm or i > LOST_SEGMENTS):
                     break
             if i == len(following):
                 following = np.append(following, np.empty(len(following)))

@@ -56,6 +56,7 @@ def program(rng, count):
 @settings(max_examples=settings.default.max_examples // 2)
 @example(21448, 0.0)  # a line of 1e-7 mm at full speed: s'' was the rounding of x
 @example(41, 0.015)  # a narrow spike: the measurement went ahead of the samples
+@example(13021, 0.004)  # a long line before short chords used up the reach of the measurement
 @example(1034, 0.015)  # braking into a bend lets it be taken faster than its own direction allows
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.0, 0.004, 0.015]))
 def test_random_programs(seed, tau):
