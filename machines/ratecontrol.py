@@ -212,10 +212,11 @@ class RateController:
         self._floor.expect(advice.jitter_max_ns)
         words = {"jitter_ms": jitter_ms, "speed_percent": round(100 * advice.share)}
         try:
-            if self._source is None:
+            if self._source is None and advice.share < 1.0:
                 raise ValueError("a program with index moves cannot be slowed")
-            self._source.assume(advice.jitter_max_ns)
-            if advice.share != self._rate.bus:
+            if self._source is not None:
+                self._source.assume(advice.jitter_max_ns)
+            if self._source is not None and advice.share != self._rate.bus:
                 self._apply(self._source, replace(self._rate, bus=advice.share))
         except (ValueError, PlanError) as error:
             self.unheeded = str(error)
