@@ -39,12 +39,14 @@ def planner_limits(config: MachineConfig) -> Limits:
     tables = [config.axis[axis] for axis in axes]
     jerks = [table.max_jerk for table in tables]
     known = [jerk for jerk in jerks if jerk is not None]
+    jumps = [0.0 if table.chip == "cy545" else table.pull_in_velocity for table in tables]
     return Limits(
         axes=axes,
         velocity=np.array([table.max_velocity for table in tables]),
         acceleration=np.array([table.max_acceleration for table in tables]),
         tolerance_mm=config.machine.path_tolerance,
         jerk=np.array([np.inf if jerk is None else jerk for jerk in jerks]) if known else None,
+        velocity_jump=np.array(jumps) if any(jumps) else None,
     )
 
 
