@@ -110,7 +110,8 @@ def test_tools_parameters_and_subprograms_come_from_files(tmp_path: Path, cli: C
     plan = tmp_path / "plan.npz"
     answer = cli("plan", str(program), *tools, "--ini", str(tmp_path / "mill.ini"), "-o", str(plan))
     assert answer.status == 0, answer.err
-    assert np.load(plan)["q"][-1] == pytest.approx([12, 0, 0])
+    with np.load(plan) as file:
+        assert file["q"][-1] == pytest.approx([12, 0, 0])
     separate = ("--parameters", str(tmp_path / "saved.var"), "--include", str(tmp_path / "subs"))
     shown = cli("canon", str(program), *tools, *separate)
     assert "USE_TOOL_LENGTH_OFFSET(0.0000 0.0000 12.5000" in shown.out
@@ -185,12 +186,18 @@ def test_verify_json_has_the_agreed_fields_and_the_trace_the_agreed_arrays(
         assert file["plan_start_ns"] > 0
 
 
+def arrays(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of a file, which is closed again."""
+    with np.load(path) as file:
+        return dict(file)
+
+
 def test_the_same_seed_gives_the_same_bytes(short: str, tmp_path: Path, cli: Cli) -> None:
     for name in ("a", "b", "c"):
         seed = "8" if name == "c" else "7"
         cli("verify", short, "--seed", seed, "--trace", str(tmp_path / f"{name}.npz"))
-    a, b, c = (np.load(tmp_path / f"{name}.npz") for name in "abc")
-    for key in a.files:
+    a, b, c = (arrays(tmp_path / f"{name}.npz") for name in "abc")
+    for key in a:
         assert np.array_equal(a[key], b[key]), key
     assert not np.array_equal(a["run_first_ns"], c["run_first_ns"])
 
@@ -199,7 +206,7 @@ def test_servo_samples_can_be_thinned(short: str, tmp_path: Path, cli: Cli) -> N
     for every in ("1", "10"):
         trace = str(tmp_path / f"{every}.npz")
         assert cli("verify", short, "-m", "mill3-mixed", "--trace", trace, "--trace-servo-every", every).status == 0
-    whole, thin = (np.load(tmp_path / f"{every}.npz") for every in ("1", "10"))
+    whole, thin = (arrays(tmp_path / f"{every}.npz") for every in ("1", "10"))
     assert set(np.unique(whole["servo_axis"])) == {0, 1}
     for motor in (0, 1):
         one, other = (trace["servo_ns"][trace["servo_axis"] == motor] for trace in (whole, thin))
@@ -234,8 +241,8 @@ def test_run_leaves_a_whole_run_folder(short: str, tmp_path: Path, cli: Cli) -> 
     assert (folder / "machine.toml").read_text() == (ROOT / "machines" / "data" / "mill3-step.toml").read_text()
     assert json.loads((folder / "verdict.json").read_text())["ok"] is True
     assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
-    assert np.load(folder / "plan.npz")["t_s"][0] == 0
-    assert len(np.load(folder / "trace.npz")["run_count"]) > 0
+    assert arrays(folder / "plan.npz")["t_s"][0] == 0
+    assert len(arrays(folder / "trace.npz")["run_count"]) > 0
     journal = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]
     events = [record["event"] for record in journal]
     assert events[0] == "connected"
