@@ -1,12 +1,13 @@
 """500 generated programs give the same canonical text as LinuxCNC's rs274 (pytest -m oracle)."""
 
 import importlib.util
+import re
 import shutil
 import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 
 pytestmark = [
     pytest.mark.oracle,
@@ -40,9 +41,14 @@ def functions(lines):
     return kept
 
 
+TURNED_UNDER_A_SHIFT = re.compile(r"^G(92|52) .*?^G10 L2 \S+.* R", re.MULTILINE | re.DOTALL)
+"""rs274 forgets a G92 shift when G10 R turns the active system (test_g10_turned.py): such programs are left out."""
+
+
 @settings(max_examples=5 * settings.default.max_examples, suppress_health_check=list(HealthCheck))
 @given(grammar.program())
 def test_text_equals(text):
+    assume(not TURNED_UNDER_A_SHIFT.search(text))
     with tempfile.TemporaryDirectory() as folder:
         theirs = oracle.run_rs274(text, Path(folder))
     result = oracle.interpret(text, oracle.INCH_SETUP)
