@@ -88,9 +88,7 @@ class BusTiming:
         waits = self.jitter_max_ns + self.reply_delay_max_ns
         return self.command_ns(data_bytes) + waits // 2 + self.reply_ns(extra_bytes)
 
-    def execution_window_ns(
-        self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int = 0
-    ) -> Window:
+    def execution_window_ns(self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int = 0) -> Window:
         """When a PIC-STEP executed the command of this exchange.
 
         The reply bounds the outbound delay from above: the command was complete before the reply began. A reply that
