@@ -117,6 +117,7 @@ class Governor:
         self._trust, self._slow = Level(), Level()
         self._changed_ns = -SLOW_EVERY_NS
         self._ignore = 0
+        self._answered_ns = 0
 
     @property
     def excess_ns(self) -> int:
@@ -153,7 +154,10 @@ class Governor:
     def _excess(self, evidence: Evidence) -> int | None:
         """What an exchange took beyond what is foreseen; None if it says nothing."""
         exchange, timing = evidence.exchange, self.timing
-        late_ns = evidence.sent_ns - exchange.send_at_ns if exchange.send_at_ns else 0
+        # what was asked for only when its time had passed is the stream's own doing
+        due_ns = max(exchange.send_at_ns, self._answered_ns)
+        late_ns = evidence.sent_ns - due_ns if exchange.send_at_ns else 0
+        self._answered_ns = evidence.replied_ns
         self.delays.late += late_ns > LATE_NS
         if not evidence.sent:
             return timing.worst_ns(LOAD_BYTES)

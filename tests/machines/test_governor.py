@@ -104,3 +104,14 @@ def test_the_speed_follows_no_more_often_than_the_path_may_be_timed_anew() -> No
         said = host.answers(1, 4 * MS)
     assert said[0].share < first
     assert host.now_ns > 400 * MS
+
+
+def test_what_was_asked_for_after_its_time_is_not_the_hosts_doing() -> None:
+    host = Host()
+    host.answers(50)
+    for _ in range(5):  # due two milliseconds before the answer that came before it
+        exchange = Exchange(0x81, 5, send_at_ns=host.now_ns - 2 * MS)
+        sent_ns = host.now_ns
+        host.now_ns += TIMING.worst_ns(0)
+        assert host.governor.observe(Evidence(exchange, sent_ns, host.now_ns, 1)) is None
+    assert host.governor.delays.late == 0

@@ -259,3 +259,13 @@ def test_a_host_as_assumed_is_left_alone() -> None:
     assert result.outcome is not None
     assert not result.outcome.retimed
     assert result.outcome.statistics.least_speed == 1.0
+
+
+@pytest.mark.parametrize("profile", ["group", "adaptive"])
+def test_a_host_as_assumed_is_never_found_slow(profile: str) -> None:
+    verdict = run("mill3-step", [], profile)[0].verdict
+    assert verdict is not None
+    assert verdict.host is not None
+    assert (verdict.host.late_exchanges, verdict.host.least_speed_percent) == (0, 100.0)
+    assert verdict.contour_steps is not None
+    assert verdict.contour_steps.max <= 6
