@@ -119,8 +119,8 @@ class AdaptiveSchedule(StepSchedule):
         if first is not None and first[0] <= self.now_ns + self.soon_ns:
             yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             return
-        lane = self._most_urgent(turn)
-        if self.feedback.due() and self.feedback.overdue() and (lane is None or lane.worth_um(turn) < ALARMING_UM):
+        lane, worth_um = self._most_urgent(turn)
+        if self.feedback.due() and self.feedback.overdue() and worth_um < ALARMING_UM:
             yield from self.feedback.step()
             return
         if lane is not None:
@@ -143,14 +143,15 @@ class AdaptiveSchedule(StepSchedule):
         dates = [(at_ns, lane) for lane in self.lanes if (at_ns := lane.appointment_ns(horizon_ns)) is not None]
         return min(dates, key=lambda date: date[0], default=None)
 
-    def _most_urgent(self, turn: Turn) -> Lane | None:
-        """The lane for which a load mends most, if it mends enough."""
-        best, worth = None, WORTH_UM
+    def _most_urgent(self, turn: Turn) -> tuple[Lane | None, float]:
+        """The lane for which a load mends most, if it mends enough, and how much."""
+        best: Lane | None = None
+        worth = WORTH_UM
         for lane in self.lanes:
             mends = lane.worth_um(turn)
             if mends > worth:
                 best, worth = lane, mends
-        return best
+        return best, worth
 
     def _later(self, first: tuple[int, Lane] | None, horizon_ns: int) -> Stream:
         """Nothing is worth sending now: send what will be first, when it will be."""
@@ -161,7 +162,7 @@ class AdaptiveSchedule(StepSchedule):
         look_ns = LOOK_NS
         at_ns = self.now_ns + look_ns
         while at_ns < limit_ns:
-            lane = self._most_urgent(Turn(at_ns, horizon_ns))
+            lane, _ = self._most_urgent(Turn(at_ns, horizon_ns))
             if lane is not None:
                 yield from lane.mend(Turn(at_ns, horizon_ns))
                 return
