@@ -12,11 +12,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import toppra
-from toppra.constraint import ConstraintType, DiscretizationType, LinearConstraint
 
 from planner.errors import PlanError
+from planner.lazyplots import without_plots
 from planner.types import F8, Intervals
+
+with without_plots():
+    import toppra
+    from toppra.constraint import ConstraintType, DiscretizationType, LinearConstraint
 
 
 class _Grid(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]  # toppra carries no types

@@ -66,6 +66,10 @@ class PathTrajectory:
 
     def line(self, t_s: F8) -> I4:
         """Source line i4[len(t)] that is being executed."""
+        if len(t_s) == 1:  # a stream asks for one, some hundred times a second
+            m = int(self.begin_s.searchsorted(t_s[0], side="right")) - 1
+            interval = self.pieces.interval[min(max(m, 0), len(self.pieces) - 1)]
+            return self.intervals.line[interval : interval + 1]
         return np.asarray(self.intervals.line[self.pieces.interval[self.piece(_times(t_s))]])
 
     def junctions_s(self) -> F8:

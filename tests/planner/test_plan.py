@@ -22,6 +22,8 @@ def verify_common(trajectory, limits, start):
     assert trajectory.q(np.array([0.0]))[0] == pytest.approx(start, abs=1e-9)
     for moment in (0.0, trajectory.duration_s):
         assert np.abs(trajectory.v(np.array([moment]))).max() < 1e-6
+    ends = np.concatenate((trajectory.junctions_s(), [-1.0, trajectory.duration_s + 1.0]))
+    assert [int(trajectory.line(ends[i : i + 1])[0]) for i in range(len(ends))] == trajectory.line(ends).tolist()
     eps = 1e-9
     junctions = trajectory.junctions_s()[1:-1]
     assert np.abs(trajectory.q(junctions - eps) - trajectory.q(junctions + eps)).max(initial=0) < 1e-5
