@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from groupstart.compiled import install
+
 if TYPE_CHECKING:
     from groupstart.api import Planned, ProgramRefusedError, check, plan, verify
 
 __all__ = ["Planned", "ProgramRefusedError", "check", "plan", "verify"]
+
+install()
 
 
 def __getattr__(name: str) -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import click
 
+from groupstart.compiled import FINDER
 from groupstart.exits import EXIT_FAULT, VerbError
 
 VERBS: dict[str, str] = {
@@ -38,6 +39,9 @@ VERBS: dict[str, str] = {
 }
 """Verb: its one line of help. ``groupstart.verbs.<verb>`` (``_`` for ``-``) has a click command ``command``."""
 
+AT_ONCE = ("dump", "scan")
+"""Verbs that have too little to do for compiled code to be worth loading."""
+
 
 class LazyGroup(click.Group):
     """A click group that imports the module of a verb only when that verb is wanted."""
@@ -50,6 +54,8 @@ class LazyGroup(click.Group):
         """Import the verb's module."""
         if cmd_name not in VERBS:
             return None
+        if cmd_name in AT_ONCE:
+            FINDER.turn_off()
         command: click.Command = importlib.import_module(f"groupstart.verbs.{cmd_name.replace('-', '_')}").command
         return command
 
