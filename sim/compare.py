@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from sim.pulses import F8, Pins, StepRuns, pins
 
+I8 = npt.NDArray[np.int64]
 WINDOW_S = 0.12
 MOVING_UNITS_S = 0.5
 """Lag is counted only where the plan moves faster than this; at rest every instant is as near as any other."""
@@ -87,7 +88,8 @@ def compare_pins(
     planned = reference.q[:, column]
     knots = planned * per_unit
     judged = out.time_ns >= plan_start_ns
-    out = Pins(out.time_ns[judged], out.position[judged])
+    if not judged.all():
+        out = Pins(out.time_ns[judged], out.position[judged])
     time_s = (out.time_ns - plan_start_ns) * 1e-9
     wanted = np.floor(knots[-1] + 0.5).astype(np.int64)
     if not len(time_s):
@@ -96,8 +98,14 @@ def compare_pins(
         missing = {name: int(start[m] - wanted[m]) for m, name in enumerate(motors)}
         return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, missing, 0, 0.0)
     end_error = {name: round(float(out.position[-1, m])) - int(wanted[m]) for m, name in enumerate(motors)}
-    in_steps, nearest_s = _distance(out.position, time_s, reference.t_s, knots)
-    in_units, _ = _distance(out.position / per_unit, time_s, reference.t_s, planned)
+    window = _window(time_s, reference.t_s)
+    in_steps, nearest_s = _distance(out.position, time_s, window, reference.t_s, knots)
+    places = out.position / per_unit
+    scales = np.abs(per_unit)
+    if (scales == scales[0]).all():
+        in_units = in_steps / scales[0]
+    else:
+        in_units, _ = _distance(places, time_s, window, reference.t_s, planned)
     worst = int(np.argmax(in_steps))
     lag = (time_s - nearest_s)[_moving(reference, time_s)] * 1e3
     at = min(int(np.searchsorted(reference.t_s, time_s[worst])), len(reference.line) - 1)
@@ -105,7 +113,7 @@ def compare_pins(
         sim_time_s=_sim_time(out, time_s, reference, knots),
         contour_um=_spread(in_units * 1e3),
         contour_steps=_spread(in_steps),
-        program_um=_program_error(out.position / per_unit, time_s, reference, column) * 1e3,
+        program_um=_program_error(places, time_s, window, reference, column) * 1e3,
         lag_ms_max=float(np.max(np.abs(lag), initial=0.0)),
         lag_ms_rms=float(np.sqrt(np.mean(lag**2))) if len(lag) else 0.0,
         end_error_steps=end_error,
@@ -114,17 +122,22 @@ def compare_pins(
     )
 
 
-def _distance(position: F8, time_s: F8, knots_s: F8, knots: F8) -> tuple[F8, F8]:
+def _window(time_s: F8, knots_s: F8) -> tuple[I8, I8]:
+    """Of every instant the knots at which its window of the plan begins and ends; found once, for they are many."""
+    return np.searchsorted(knots_s, time_s - WINDOW_S), np.searchsorted(knots_s, time_s + WINDOW_S)
+
+
+def _distance(position: F8, time_s: F8, window: tuple[I8, I8], knots_s: F8, knots: F8) -> tuple[F8, F8]:
     from sim.compare_kernel import distances
 
-    first = np.maximum(np.searchsorted(knots_s, time_s - WINDOW_S) - 1, 0)
-    last = np.minimum(np.searchsorted(knots_s, time_s + WINDOW_S) + 1, len(knots_s) - 1)
+    first = np.maximum(window[0] - 1, 0)
+    last = np.minimum(window[1] + 1, len(knots_s) - 1)
     first = np.minimum(first, last - 1)
     distance, nearest_s = distances(time_s, position, first, last, knots_s, np.ascontiguousarray(knots))
     return distance, nearest_s
 
 
-def _program_error(position: F8, time_s: F8, reference: Reference, column: list[int]) -> float:
+def _program_error(position: F8, time_s: F8, window: tuple[I8, I8], reference: Reference, column: list[int]) -> float:
     """Largest distance of the pins from the programmed polyline, in units; 0 if none was given."""
     if reference.programmed is None or len(reference.programmed) < 2:
         return 0.0
@@ -132,8 +145,8 @@ def _program_error(position: F8, time_s: F8, reference: Reference, column: list[
 
     polyline = np.ascontiguousarray(reference.programmed[:, column])
     segment = follow(np.ascontiguousarray(reference.q[:, column]), polyline, FOLLOW_AHEAD_MM, LOST_MM)
-    lower = np.clip(np.searchsorted(reference.t_s, time_s - WINDOW_S) - 1, 0, len(segment) - 1)
-    upper = np.clip(np.searchsorted(reference.t_s, time_s + WINDOW_S), 0, len(segment) - 1)
+    lower = np.clip(window[0] - 1, 0, len(segment) - 1)
+    upper = np.clip(window[1], 0, len(segment) - 1)
     index_s = np.arange(len(polyline), dtype=np.float64)
     distance, _ = distances(time_s, position, segment[lower], segment[upper] + 1, index_s, polyline)
     return float(distance.max())

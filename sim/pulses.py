@@ -34,16 +34,13 @@ class Pulses:
 
 def pulses(runs: StepRuns) -> Pulses:
     """Lay out the runs pulse by pulse."""
-    count = runs.count.astype(np.int64)
-    run = np.repeat(np.arange(len(count)), count)
-    k = np.arange(len(run)) - np.repeat(np.cumsum(count) - count, count)
-    time_ns = runs.first_ns[run] + k * runs.period_ns[run]
+    from sim.pulses_kernel import laid_out, positions
+
+    time_ns, run = laid_out(runs.first_ns, runs.period_ns, runs.count)
     order = np.argsort(time_ns, kind="stable")
-    run, time_ns = run[order], time_ns[order]
+    run = run[order]
     motor = runs.axis[run]
-    steps = np.zeros((len(run), len(runs.start_steps)), dtype=np.int64)
-    steps[np.arange(len(run)), motor] = runs.direction[run]
-    return Pulses(time_ns, motor, np.cumsum(steps, axis=0) + runs.start_steps)
+    return Pulses(time_ns[order], motor, positions(motor, runs.direction[run], runs.start_steps))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
