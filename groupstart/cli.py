@@ -5,7 +5,9 @@ A verb's module is imported when the verb is called, so ``groupstart --help`` co
 
 from __future__ import annotations
 
+import gc
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -83,8 +85,19 @@ def cli() -> None:
     """G-code in, coordinated motion of NMC chips out, checked first on a lockstep simulator."""
 
 
+def _begin_quickly() -> None:
+    """Settings of the whole process, a fifth of the time that a short program takes.
+
+    The collector looks at everything that imports make over and over, and finds nothing; the linear algebra here is
+    of a few rows, but its library keeps a thread spinning on every core.
+    """
+    gc.set_threshold(20_000, 20, 50)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit status; no traceback for what the user can cure."""
+    _begin_quickly()
     try:
         status = cli.main(arguments, prog_name="groupstart", standalone_mode=False)
     except VerbError as error:
