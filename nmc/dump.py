@@ -15,12 +15,15 @@ from nmc.chips.common import (
     DEFAULT_GROUP,
     DEFINE_STATUS,
     HARD_RESET,
+    LOAD_TRAJECTORY,
     MEMBER_BIT,
     READ_STATUS,
     SET_ADDRESS,
+    START_MOTION,
     STATUS_COMM_ERROR,
     ChipFacts,
 )
+from nmc.chips.picstep import LOAD_POSITION, LOAD_START_NOW
 from nmc.codec import Decoded, decode, decode_status
 from nmc.errors import LocalFault, NmcError
 from nmc.modes import Tracker
@@ -186,8 +189,10 @@ class Dump:
             seat = self._seats.get(address)
             if seat is None or seat.tracker is None or packet.command == SET_ADDRESS:
                 continue
+            if packet.command == START_MOTION and seat.tracker.awaits_rest:
+                seat.tracker.at_rest()  # nothing on the wire need say that it has arrived
             try:
-                seat.tracker.check(packet.command, packet.data, endless=True)
+                seat.tracker.check(packet.command, packet.data, endless=True, for_rest=_may_wait(packet))
             except LocalFault as fault:
                 found.append(str(fault))
         return tuple(found)
@@ -272,6 +277,13 @@ def chunks_of_bytes(
     for time_ns, line, byte in zip(times_ns, lines, data, strict=True):
         if int(line) >> 1 == bus:
             yield Chunk(int(time_ns), STATUS if int(line) & 1 else HOST, bytes((int(byte),)))
+
+
+def _may_wait(packet: Packet) -> bool:
+    """A stop position that is loaded and not started may be meant for the coming rest."""
+    if packet.command != LOAD_TRAJECTORY or not packet.data:
+        return False
+    return packet.data[0] & (LOAD_POSITION | LOAD_START_NOW) == LOAD_POSITION
 
 
 def _value_words(decoded: Decoded) -> str:

@@ -76,7 +76,7 @@ class Guard:
             elif command in _BROADCAST_OK:
                 self._check_single(module, command)
             else:
-                module.check(command, data, endless=exchange.endless)
+                module.check(command, data, endless=exchange.endless, for_rest=exchange.for_rest)
             return
         if command in _BROADCAST_OK:
             self._check_broadcast(address, command)
@@ -89,7 +89,7 @@ class Guard:
                 if doubtful.address_unsure:
                     raise doubtful.fault("its group is unknown after a lost Set Address", "3.3")
         for member in group:
-            member.check(command, data, endless=exchange.endless)
+            member.check(command, data, endless=exchange.endless, for_rest=exchange.for_rest)
 
     def _check_set_address(self, module: Tracker, data: bytes) -> None:
         individual, group_byte = data

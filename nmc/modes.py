@@ -90,8 +90,8 @@ class Tracker:
             raise self.fault("status items are unknown: send Define Status first", "5.1 Define Status")
         return self.facts.status_bytes[self.mask]
 
-    def check(self, command: int, data: bytes, *, endless: bool = False) -> None:
-        """Raise LocalFault if this command must not be sent now."""
+    def check(self, command: int, data: bytes, *, endless: bool = False, for_rest: bool = False) -> None:
+        """Raise LocalFault if this command must not be sent now. See ``Exchange`` for the two permissions."""
         fact = self.facts.commands.get(command)
         if fact is None:
             raise self.fault(f"command 0x{command:X} is not defined", "5.1")
@@ -130,6 +130,11 @@ class Tracker:
         elif command == SET_ADDRESS:
             self.address_unsure = True
 
+    @property
+    def awaits_rest(self) -> bool:
+        """What is loaded can be started only when the module has come to rest."""
+        return False
+
     def at_rest(self) -> None:
         """The source states that the module has come to rest by itself."""
 
@@ -160,7 +165,9 @@ class StepTracker(Tracker):
         self.held = 0  # of LOAD_SPEED and LOAD_ACCELERATION: what a started load has given the chip
         self.stopping = False
         self.at_known_rest = False  # ``position`` was read, or set to 0, since the last start and at rest
+        self.stop_position: int | None = None  # to which it runs in unprofiled position mode
         self.loaded = 0
+        self.loaded_position: int | None = None
         self.loaded_goal: Mode | None = None
         self.fresh = False
         self._intended: Mode | None = None
@@ -170,10 +177,10 @@ class StepTracker(Tracker):
         """Whether the module may be making steps."""
         return self.mode is not Mode.STOPPED or bool(self.unsure)
 
-    def check(self, command: int, data: bytes, *, endless: bool = False) -> None:
+    def check(self, command: int, data: bytes, *, endless: bool = False, for_rest: bool = False) -> None:
         """Table 4, the 'only when stopped' commands, ranges."""
         if command == LOAD_TRAJECTORY:
-            self._check_load(data, endless)
+            self._check_load(data, endless, for_rest)
             return
         if command == START_MOTION:
             self._check_start(data)
@@ -182,7 +189,7 @@ class StepTracker(Tracker):
         if command == RESET_POSITION and self.moving:
             raise self.fault("Reset Position while the motor is in motion", "5.1 Reset Position")
 
-    def _check_load(self, data: bytes, endless: bool) -> None:
+    def _check_load(self, data: bytes, endless: bool, for_rest: bool) -> None:
         control = data[0] if data else 0
         if not data or control & 0x60 or len(data) != LOAD_BYTES[control & 0x0F]:
             complaint = complain(self.facts.commands[LOAD_TRAJECTORY], data)
@@ -195,24 +202,37 @@ class StepTracker(Tracker):
         if not self.parameters_set:
             raise self.fault("Set Parameters must be issued before any motion", "5.1 Set Parameters")
         self._require_sure()
-        goal = GOALS[self.mode][control & 0x0F]
+        start = self._starts_from(control) if for_rest else self.mode
+        goal = GOALS[start][control & 0x0F]
         if goal is None:
-            raise self.fault(self._table4_words(control), "5.1 Table 4")
-        self._check_direction(goal, control)
-        if goal is Mode.UNPROFILED and self.mode is Mode.STOPPED and not endless:
+            raise self.fault(self._table4_words(start, control), "5.1 Table 4")
+        self._check_direction(goal, start, control)
+        if goal is Mode.UNPROFILED and start is Mode.STOPPED and not endless:
             raise self.fault(
                 "a count without a position from Stopped runs for ever; say so if it is meant", "5.1 Table 4"
             )
         self._check_held(goal, control)
-        if control & LOAD_POSITION and self.position is not None:
-            self._check_distance(int.from_bytes(data[1:5], "little", signed=True) - self.position, goal, control)
+        if control & LOAD_POSITION:
+            self._check_distance(int.from_bytes(data[1:5], "little", signed=True), goal, start, control)
         self._intended = goal
 
-    def _check_distance(self, distance: int, goal: Mode, control: int) -> None:
-        """The position is known: not too far, not nowhere, and the direction bit must not point away from the stop."""
+    def _starts_from(self, control: int) -> Mode:
+        """The mode in which a load that is kept for the coming rest will be started."""
+        if control & LOAD_START_NOW:
+            raise self.fault("a load for the coming rest must not be started at once", "5.1 Load Trajectory")
+        ends = self.mode in (Mode.STOPPED, Mode.UNPROFILED_STOP, Mode.TRAPEZOID)
+        return Mode.STOPPED if ends else self.mode
+
+    def _check_distance(self, goal_steps: int, goal: Mode, start: Mode, control: int) -> None:
+        """From a known position: not too far, not nowhere, and the direction bit must not point away from the stop."""
+        at_stop = start is Mode.STOPPED and self.mode is Mode.UNPROFILED_STOP
+        position = self.stop_position if at_stop else self.position
+        if position is None:
+            return
+        distance = goal_steps - position
         if abs(distance) > POSITION_MAX:
             raise self.fault(f"the goal is {distance} steps away, more than 0x7FFFFFFF", "5.1 Load Trajectory")
-        if not self.at_known_rest:
+        if not (self.at_known_rest or at_stop):
             return
         if distance == 0:
             raise self.fault("a move of no length: the sheet does not say what the chip does", "5.1 Load Trajectory")
@@ -228,9 +248,9 @@ class StepTracker(Tracker):
         if not (control | self.held) & LOAD_ACCELERATION:
             raise self.fault("it holds no acceleration time: load one", "5.1 Load Trajectory")
 
-    def _check_direction(self, goal: Mode, control: int) -> None:
+    def _check_direction(self, goal: Mode, start: Mode, control: int) -> None:
         turns = self.reverse is not None and bool(control & LOAD_REVERSE) != self.reverse
-        if self.mode is not Mode.STOPPED:
+        if start is not Mode.STOPPED:
             if turns and goal is not Mode.TRAPEZOID:
                 raise self.fault(
                     "the direction cannot be changed without first stopping the motor", "5.1 Load Trajectory"
@@ -259,7 +279,7 @@ class StepTracker(Tracker):
         if self.unsure:
             raise self.fault(f"its state is unknown ({self.unsure}): send an abrupt Stop Motor first", "5.1 Stop Motor")
 
-    def _table4_words(self, control: int) -> str:
+    def _table4_words(self, start: Mode, control: int) -> str:
         given = [
             word
             for bit, word in (
@@ -270,14 +290,15 @@ class StepTracker(Tracker):
             )
             if control & bit
         ]
-        goals = [goal.name for goal in Mode if not isinstance(TABLE_4[goal, self.mode], Refusal)]
+        goals = [goal.name for goal in Mode if not isinstance(TABLE_4[goal, start], Refusal)]
         loaded = " + ".join(given) or "nothing"
-        return f"no mode can be entered from {self.mode.name} by loading {loaded} ({', '.join(goals)} can)"
+        return f"no mode can be entered from {start.name} by loading {loaded} ({', '.join(goals)} can)"
 
     def executed(self, command: int, data: bytes) -> None:
         """Follow the command into the mode it leads to."""
         if command == LOAD_TRAJECTORY:
             self.loaded, self.loaded_goal, self.fresh = data[0], self._intended, True
+            self.loaded_position = int.from_bytes(data[1:5], "little", signed=True) if data[0] & LOAD_POSITION else None
             if data[0] & LOAD_START_NOW:
                 self._start()
         elif command == START_MOTION:
@@ -302,6 +323,8 @@ class StepTracker(Tracker):
         if goal is Mode.TRAPEZOID:
             reverse = None  # the sign of the distance decides; a trapezoid may follow in any direction
         self.held |= self.loaded & (LOAD_SPEED | LOAD_ACCELERATION)
+        if self.mode is Mode.STOPPED or goal is not Mode.UNPROFILED_STOP:
+            self.stop_position = self.loaded_position if goal is Mode.UNPROFILED_STOP else None
         self.mode, self.reverse, self.stop_issued = goal, reverse, False
         self.position, self.at_known_rest = None, False
 
@@ -354,6 +377,11 @@ class StepTracker(Tracker):
             self.parameters_set = False
         elif command == RESET_POSITION:
             self.position, self.at_known_rest = None, False
+
+    @property
+    def awaits_rest(self) -> bool:
+        """A position was loaded for the rest at which its present move ends."""
+        return self.fresh and self.mode is not Mode.STOPPED and GOALS[self.mode][self.loaded & 0x0F] is None
 
     def at_rest(self) -> None:
         """Stopped by reaching its stop position, a limit, or the end of a ramp."""

@@ -20,7 +20,9 @@ class Exchange:
     send_at_ns: link time before which the first byte must not leave; 0: at once. line: G-code line it serves.
     at_rest: addresses of PIC-STEPs that the source knows to have come to rest at their stop positions (its twins say
     so), stated to the mode guard before this exchange is judged. endless: this load is meant to run without any stop
-    position; a count-only load from Stopped is refused without it.
+    position; a count-only load from Stopped is refused without it. for_rest: this load of a running PIC-STEP is only to
+    be kept ("no effect whatsoever until a Start Motion", section 5.1) and is started when it has come to rest at its
+    stop position; it is judged as a load from Stopped, and a Start before the rest is stated is refused.
     not_after_ns: link time after which the first byte must not leave any more (0: no such time); a host that was held
     up then sends nothing and says so in the evidence, for what was safe when it was decided may not be any more.
     The bus knows the reply length of modules it has started up and then ignores ``reply_extra``.
@@ -36,6 +38,7 @@ class Exchange:
     at_rest: tuple[int, ...] = ()
     endless: bool = False
     not_after_ns: int = 0
+    for_rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)

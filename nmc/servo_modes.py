@@ -61,7 +61,7 @@ class ServoTracker(Tracker):
             return bool(self.unsure)
         return not self.done or (self.mode is ServoMode.VELOCITY and self.goal_velocity != 0) or bool(self.unsure)
 
-    def check(self, command: int, data: bytes, *, endless: bool = False) -> None:
+    def check(self, command: int, data: bytes, *, endless: bool = False, for_rest: bool = False) -> None:
         """The 'while moving' column, ranges, gains before motion."""
         if command == LOAD_TRAJECTORY:
             self._check_load(data)

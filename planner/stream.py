@@ -20,9 +20,10 @@ from planner.steptrain import StepTrain
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
-from planner.stream_exact import ExactSchedule, PieceTrain
+from planner.stream_exact import ExactSchedule
 from planner.stream_group import GroupSchedule
 from planner.stream_hold import Retimed
+from planner.stream_pieces import PieceTrain
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
 from planner.timing import Rate
 from planner.types import Trajectory
@@ -178,6 +179,7 @@ class StreamSource:
             e.at_rest,
             e.endless,
             e.not_after_ns,
+            e.for_rest,
         )
 
 

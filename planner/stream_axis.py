@@ -131,10 +131,10 @@ class StepAxis:
         return self._encode(period_ns, leg, leg.direction, start_now)
 
     def piece_load(self, period_ns: int) -> tuple[bytes, Load]:
-        """Stop position and count of the next leg, started at once and run at one rate."""
+        """Stop position and count of the next leg, to be run at one rate from the next group Start on."""
         leg = self.next_leg()
         assert leg is not None
-        return self._encode(period_ns, leg, leg.direction, start_now=True)
+        return self._encode(period_ns, leg, leg.direction, start_now=False)
 
     def lone_start_ns(self, ahead_ns: int) -> int:
         """Instant at which the next leg must start: its first step and the one ``ahead_ns`` later are on time."""

@@ -53,6 +53,28 @@ def test_a_load_without_bit_7_has_no_effect_until_start():
     assert sim.rules() == []
 
 
+@item("ST-117", "ST-130")
+def test_a_stop_position_loaded_in_motion_waits_for_a_start_at_rest():
+    """ST 5.1: no effect whatsoever until Start Motion; table 4 allows it from Stopped, not while it runs."""
+    sim, host, (chip,) = steppers()
+    load_count(host, 65000, position=50)
+    load_count(host, 64000, position=80, start=False)
+    host.wait_ms(1000)
+    assert host.position(1) == 50
+    assert not chip.moving
+    host.exchange(1, 0x5)
+    load_count(host, 65000, position=90, start=False)
+    host.wait_ms(1000)
+    assert host.position(1) == 80
+    assert sim.rules() == []
+    host.exchange(1, 0x5)
+    load_count(host, 65000, position=99, start=False)
+    host.exchange(1, 0x5)  # too early: it runs
+    host.wait_ms(1000)
+    assert host.position(1) == 90
+    assert sim.rules() == ["ST-184"]
+
+
 @item("X-47")
 def test_start_without_a_fresh_load_executes_the_last_one_again():
     """Choice: the worst case; a count-only load then runs for ever."""

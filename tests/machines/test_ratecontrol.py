@@ -63,7 +63,7 @@ def run(
     [
         ("mill3-step", "adaptive", 3.0),
         ("mill3-step", "group", 4.5),
-        ("mill3-step", "exact", 20.0),
+        ("mill3-step", "exact", 3.0),
         ("mill3-servo", "smooth", 5.0),
         ("mill3-servo", "stop-here", 35.0),
         ("mill3-mixed", "auto", 5.0),

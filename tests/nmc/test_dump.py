@@ -30,7 +30,7 @@ def recorded():
     step.define_status("position")
     step.load_trajectory(position=10, timer_count=60000, start_now=True)
     step.poll(2_000_000)
-    link.write(pack(1, 4, b"\x09\x00\x00\x00\x00\x00\xe0\x01"))
+    link.write(pack(1, 4, b"\x89\x00\x00\x00\x00\x00\xe0\x01"))
     link.read(6, link.now_ns() + 10_000_000)
     return simulation, link
 
@@ -54,6 +54,28 @@ def test_violations_are_named(recorded) -> None:
     assert len(complaints) == 1
     assert "UNPROFILED_STOP" in complaints[0]
     assert "Table 4" in complaints[0]
+
+
+def test_a_stop_position_that_waits_for_the_rest_is_no_violation() -> None:
+    """Loaded in motion, started when the module has arrived, which nothing on the wire says before the answer."""
+    simulation = build([BusSpec("bus", (StepModule("x"),))], 3)
+    link = RecordingLink(simulation.links[0])
+    bus = Bus(link)
+    start_up(bus, [ModuleExpectation("pic-step")])
+    step = PicStep(bus, 1)
+    step.set_parameters("1x")
+    step.stop_motor()
+    step.load_trajectory(position=10, timer_count=60000, start_now=True)
+    count = b"\x60\xea\x01"
+    link.write(pack(1, 4, b"\x09\x14\x00\x00\x00" + count))
+    link.read(2, link.now_ns() + 10_000_000)
+    link.sleep_until(link.now_ns() + 200_000_000)
+    link.write(pack(1, 5, b""))
+    link.read(2, link.now_ns() + 10_000_000)
+    link.sleep_until(link.now_ns() + 200_000_000)
+    assert simulation.steppers()["x"].position == 20
+    assert simulation.rules() == []
+    assert [line for line in dump_lines(link.chunks) if line.complaints] == []
 
 
 def test_the_simulators_log_decodes_the_same(recorded) -> None:

@@ -6,7 +6,9 @@ import pytest
 
 from nmc.chips.table4 import TABLE_4, Cell, Mode, goal_of
 from nmc.errors import LocalFault, RemoteFault
+from nmc.guard import Guard
 from nmc.modes import StepTracker
+from nmc.program import Exchange
 from nmc.servo_modes import ServoTracker
 
 MOVING, REST = 0x09, 0x08
@@ -163,6 +165,65 @@ def test_a_count_from_stopped_must_be_meant() -> None:
     with pytest.raises(LocalFault, match="for ever"):
         tracker.check(LOAD, load(count=50000))
     tracker.check(LOAD, load(count=50000), endless=True)
+
+
+def running_to(position: int) -> StepTracker:
+    """A tracker that runs forward to a stop position."""
+    tracker = in_mode(Mode.STOPPED)
+    send(tracker, LOAD, load(position, count=60000, flags=0x80), REST)
+    return tracker
+
+
+def test_a_stop_position_may_be_kept_for_the_rest_to_come() -> None:
+    """Section 5.1: no effect whatsoever until a Start Motion, which then finds it Stopped."""
+    tracker = running_to(1000)
+    tracker.check(LOAD, load(2000, count=60000), for_rest=True)
+    tracker.answered(LOAD, load(2000, count=60000), MOVING, b"")
+    assert tracker.mode is Mode.UNPROFILED_STOP
+    assert tracker.awaits_rest
+    with pytest.raises(LocalFault, match="nothing allowed"):
+        tracker.check(START, b"")
+    tracker.at_rest()
+    send(tracker, START, status=REST)
+    assert tracker.mode is Mode.UNPROFILED_STOP
+    assert tracker.stop_position == 2000
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (load(2000, count=60000, flags=0x80), "not be started at once"),
+        (load(2000, count=60000, flags=0x10), "a reversal needs a Stop Motor first"),
+        (load(1000, count=60000), "no length"),
+        (load(900, count=60000), "points the other way"),
+        (load(count=60000), "runs for ever"),
+    ],
+)
+def test_what_is_kept_for_the_rest_is_judged_as_if_it_stood_there(data: bytes, words: str) -> None:
+    with pytest.raises(LocalFault, match=words):
+        running_to(1000).check(LOAD, data, for_rest=True)
+
+
+@pytest.mark.parametrize("mode", [Mode.VELOCITY, Mode.UNPROFILED])
+def test_a_move_without_end_has_no_rest_to_come(mode: Mode) -> None:
+    with pytest.raises(LocalFault, match="Table 4"):
+        in_mode(mode).check(LOAD, load(2000, count=60000), for_rest=True)
+
+
+def test_a_group_start_of_kept_loads_needs_every_member_at_rest() -> None:
+    guard = Guard()
+    for address in (1, 2):
+        tracker = running_to(1000)
+        tracker.address, tracker.group, tracker.leader = address, 0x81, address == 1
+        guard.enrol(tracker)
+        kept = Exchange(address, LOAD, load(2000, count=60000), for_rest=True)
+        guard.check(kept)
+        guard.settle(kept, tracker, MOVING, b"")
+    for rests in ((), (1,), (2,)):
+        with pytest.raises(LocalFault, match="nothing allowed"):
+            guard.check(Exchange(0x81, START))
+        guard.check(Exchange(1, 0xE, at_rest=rests))
+    guard.check(Exchange(0x81, START, at_rest=(1, 2)))
 
 
 def test_a_stale_start_is_refused() -> None:

@@ -95,4 +95,4 @@ def test_a_stream_of_short_moves_is_held_between_them(seed: int) -> None:
     outcome = stream(path, Conditions(seed=seed), "exact", [at_s], [(at_s + 0.6, 0.5), (at_s + 1.0, 1.0)])
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
-    assert outcome.contour.contour_steps.max <= 4.0
+    assert outcome.contour.contour_steps.max <= 2.0

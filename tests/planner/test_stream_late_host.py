@@ -32,7 +32,7 @@ class HeldUp:
         return getattr(self._link, name)
 
 
-@pytest.mark.parametrize("profile", ["group", "adaptive"])
+@pytest.mark.parametrize("profile", ["group", "adaptive", "exact"])
 @pytest.mark.parametrize("seed", range(4))
 def test_no_axis_runs_away_and_the_end_is_exact(profile: str, seed: int) -> None:
     path = circle(2.0, 20.0) if seed % 2 else random_path(seed, 40.0, duration_s=2.0)
