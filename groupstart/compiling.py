@@ -29,7 +29,7 @@ PATTERNS = (
     "nmc/budget.py", "nmc/bus.py", "nmc/executor.py", "nmc/guard.py", "nmc/modes.py", "nmc/phase.py",
     "nmc/program.py", "nmc/recording_link.py", "nmc/servo_modes.py", "nmc/talk.py", "nmc/together.py", "nmc/twin.py",
     "nmc/wire.py", "nmc/chips/common.py", "nmc/chips/picservo.py", "nmc/chips/picstep.py", "nmc/chips/table4.py",
-    "planner/motors.py", "planner/quantize.py", "planner/steptrain.py", "planner/stream.py", "planner/stream_*.py",
+    "nmc/codec.py", "planner/motors.py", "planner/quantize.py", "planner/steptrain.py", "planner/stream*.py",
     "sim/bus.py", "sim/clock.py", "sim/commandline.py", "sim/cy545_line.py", "sim/draws.py", "sim/link.py",
     "sim/module.py", "sim/picio.py", "sim/picservo.py", "sim/picstep.py", "sim/registers.py", "sim/statusline.py",
     "sim/stepguard.py", "sim/stepinputs.py", "sim/stepload.py", "sim/stepmodes.py", "sim/steptimer.py",
@@ -37,9 +37,9 @@ PATTERNS = (
     "machines/governor.py", "machines/patience.py", "machines/several.py", "machines/streaming.py",
 )  # fmt: skip
 """What runs for every exchange, and every class derived from one of those: a compiled class has no heirs in Python."""
-UNTOUCHED = ("runtime_checkable", "(NmcError)", "(Exception)")
-"""Modules with these words stay as they are: protocols that are asked for at run time, and exceptions, which others
-derive from."""
+UNTOUCHED = ("runtime_checkable", "(NmcError)", "(Exception)", "@njit")
+"""Modules with these words stay as they are: protocols that are asked for at run time, exceptions, which others derive
+from, and what numba compiles."""
 NO_VALUES = (ast.Attribute, ast.Call, ast.Name, ast.Subscript)
 """What may be a type: such names are left alone."""
 CONFIG = """[mypy]
@@ -87,6 +87,46 @@ def with_finals(source: str) -> str:
     return "\n".join(f"{line}; from typing import Final" if line == first else line for line in lines) + "\n"
 
 
+def with_plain_records(source: str) -> str:
+    """The source with an ``__init__`` written out for each of its dataclasses that needs nothing else.
+
+    The one that ``dataclasses`` makes stays Python, and that of a frozen one goes through ``object.__setattr__`` for
+    every field. That nobody changes a frozen record has been checked in the source; compiled, nothing prevents it. The
+    new line takes the place of the blank one after the class, so lines keep their numbers.
+    """
+    lines = source.splitlines()
+    for node in ast.parse(source).body:
+        made = _record(node) if isinstance(node, ast.ClassDef) else None
+        if made is None or lines[node.end_lineno or 0 : (node.end_lineno or 0) + 1] != [""]:
+            continue
+        decorator, init = made
+        lines[node.lineno - 2] = f"@{decorator}"
+        lines[node.end_lineno or 0] = f"    {init}"
+    return "\n".join(lines) + "\n"
+
+
+def _record(node: ast.ClassDef) -> tuple[str, str] | None:
+    """Decorator and ``__init__`` of a plain dataclass; None if the class is something else."""
+    if node.bases or len(node.decorator_list) != 1 or node.decorator_list[0].lineno != node.lineno - 1:
+        return None
+    decorator = node.decorator_list[0]
+    if not isinstance(decorator, ast.Call) or ast.unparse(decorator.func) != "dataclass":
+        return None
+    asked = {each.arg: ast.unparse(each.value) for each in decorator.keywords}
+    fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]
+    methods = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+    values = [None if each.value is None else ast.unparse(each.value) for each in fields]
+    if methods & {"__init__", "__post_init__"} or any(value and value.startswith("field(") for value in values):
+        return None
+    compared = asked.get("eq") != "False"
+    options = ["init=False"] + (["eq=False"] if not compared else [])
+    options += ["unsafe_hash=True"] if compared and asked.get("frozen") == "True" else []
+    given = [f"{ast.unparse(each.target)}: {ast.unparse(each.annotation)}" for each in fields]
+    given = [text if value is None else f"{text} = {value}" for text, value in zip(given, values, strict=True)]
+    body = "; ".join(f"self.{ast.unparse(each.target)} = {ast.unparse(each.target)}" for each in fields)
+    return f"dataclass({', '.join(options)})", f"def __init__(self, {', '.join(given)}) -> None: {body}"
+
+
 def _is_constant(name: ast.expr) -> bool:
     return isinstance(name, ast.Name) and name.id.isupper()
 
@@ -104,7 +144,7 @@ def compile_into(folder: Path, root: Path = ROOT) -> list[str]:
         for room in (*ROOMS, "gcode"):
             shutil.copytree(root / room, work / room, ignore=shutil.ignore_patterns("__pycache__", "data"))
         for source in names:
-            (work / source).write_text(with_finals((work / source).read_text("utf-8")), "utf-8")
+            (work / source).write_text(with_plain_records(with_finals((work / source).read_text("utf-8"))), "utf-8")
         (work / "mypy.ini").write_text(CONFIG, "utf-8")
         script = str(root / "groupstart" / "mypyc_build.py")
         group = LIBRARY.removesuffix("__mypyc")

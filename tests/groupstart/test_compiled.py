@@ -9,8 +9,11 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -179,3 +182,62 @@ def test_whatever_derives_from_a_compiled_class_is_compiled() -> None:
 def test_what_is_to_be_compiled_is_there() -> None:
     for pattern in compiling.PATTERNS:
         assert list(ROOT.glob(pattern)), pattern
+
+
+RECORDS = '''from __future__ import annotations
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """Words."""
+
+    a: int
+    """More words."""
+    b: bytes = b""
+
+    def twice(self) -> int:
+        return 2 * self.a
+
+
+@dataclass(slots=True)
+class Counter:
+    n: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Same:
+    n: int
+
+
+@dataclass(slots=True)
+class Made:
+    n: list[int] = field(default_factory=list)
+
+
+class Other:
+    n: int = 3
+
+
+last = 1
+'''
+
+
+def test_records_are_written_out_and_stay_what_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = compiling.with_plain_records(RECORDS)
+    assert [line.split("(")[0] for line in made.splitlines() if "__init__" in line] == ["    def __init__"] * 3
+    assert made.splitlines().index("last = 1") == RECORDS.splitlines().index("last = 1")
+    for name, text in (("before", RECORDS), ("after", made)):
+        module = ModuleType(name)
+        monkeypatch.setitem(sys.modules, name, module)
+        house: dict[str, Any] = vars(module)
+        exec(compile(text, name, "exec"), house)
+        plain = house["Plain"]
+        assert plain(1) == plain(a=1, b=b"") != plain(2)
+        assert hash(plain(1)) == hash(plain(1))
+        assert repr(replace(plain(1), b=b"x")) == "Plain(a=1, b=b'x')"
+        assert plain(4).twice() == 8
+        assert house["Counter"]() == house["Counter"](0)
+        assert house["Counter"].__hash__ is None
+        assert house["Same"](1) != house["Same"](1)
+        assert house["Made"]().n == []
