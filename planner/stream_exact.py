@@ -27,7 +27,7 @@ from planner.steptrain import SHORT_CHUNK_S, StepTrain
 from planner.stream_adaptive import IDLE_NS, AdaptiveSchedule
 from planner.stream_axis import LOAD_TRAJECTORY, Load, StepAxis
 from planner.stream_base import LATE_NS, LEG_BYTES, NO_OPERATION, START_MOTION, Stream
-from planner.stream_pieces import PieceTrain, Slice, period_for, steps_in
+from planner.stream_pieces import PieceTrain, Slice, best_end_ns, period_for, steps_in
 from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
 from planner.types import Trajectory
 
@@ -39,6 +39,8 @@ FASTER = 1.5
 """A slice runs at most so much faster than the plan."""
 PAUSES = 4
 """A slice is at least this many pauses long."""
+END_SHARE = 0.08
+"""A slice may end this share of it sooner or later."""
 GAP_SLICES = 2
 """Where no axis steps for so many slices, the machine rests and the next slice begins with the step that ends it."""
 
@@ -172,13 +174,15 @@ class ExactSchedule(AdaptiveSchedule):
         wanted_ns = max([from_ns - lead_ns, *(self._stands_ns(a) - self.timing.command_ns(0) for a in self.axes)])
         loading_ns = round_ns
         pieces: list[Piece] = []
-        for _ in range(3):  # how long loading takes hangs on the pieces, and they on how long it takes
+        for turn in range(3):  # how long loading takes hangs on the pieces, and they on how long it takes: to and fro
             begin_ns = max(wanted_ns, self.now_ns + loading_ns) + lead_ns
             run_ns = round_ns - self._pause_ns()
-            part = Slice(from_ns, min(begin_ns + round_ns, from_ns + int(FASTER * run_ns)), run_ns)
+            until_ns = min(begin_ns + round_ns, from_ns + int(FASTER * run_ns))
+            part = Slice(from_ns, until_ns, run_ns)
             part, pieces = self._pieces(part)
             loading_ns = self._loading_ns(pieces, self.timing.mean_exchange_ns)
-            round_ns = self._round_ns(self._next_loading_ns(part, pieces))
+            expected_ns = self._round_ns(self._next_loading_ns(part, pieces))
+            round_ns = expected_ns if turn == 0 else max(round_ns, expected_ns)
         return part, pieces, wanted_ns
 
     def _next_loading_ns(self, part: Slice, pieces: Sequence[Piece]) -> int:
@@ -199,8 +203,11 @@ class ExactSchedule(AdaptiveSchedule):
 
     def _pieces(self, part: Slice) -> tuple[Slice, list[Piece]]:
         """What each axis does in a slice, and the slice, which may have to be shorter."""
+        wanted = part
+        part = part.until(part.until_ns + int(END_SHARE * (part.until_ns - part.from_ns)))
         for axis, train in zip(self.axes, self.trains, strict=True):
             part = self._fitting(part, axis, train)
+        part = self._well_ended(part, wanted)
         pieces = []
         for axis, train in zip(self.axes, self.trains, strict=True):
             due = train.due(part.until_ns)
@@ -209,6 +216,14 @@ class ExactSchedule(AdaptiveSchedule):
                 pieces.append(self._piece(axis, train, due[:steps], part))
         pieces.sort(key=lambda piece: piece.turns)  # what has to stand first comes last
         return part, pieces or [self._first_step(part)]
+
+    def _well_ended(self, part: Slice, wanted: Slice) -> Slice:
+        """A slice ends where the steps of the axes fall well, about where it was wanted to."""
+        span_ns = wanted.until_ns - wanted.from_ns
+        step_ns = 2 * min(axis.period_min_ns for axis in self.axes)
+        earliest_ns = min(wanted.until_ns - int(END_SHARE * span_ns), part.until_ns - step_ns)
+        best_ns = best_end_ns([train.due(part.until_ns) for train in self.trains], earliest_ns, part.until_ns)
+        return part if best_ns is None else part.until(best_ns + 1)
 
     def _fitting(self, part: Slice, axis: StepAxis, train: PieceTrain) -> Slice:
         """A slice is cut shorter where an axis cannot step so fast, and where one would begin a second leg in it."""

@@ -108,6 +108,30 @@ class PieceTrain:
         return Leg(leg.direction, start, stop, leg.times_ns[self._from : end], instants, gaps)
 
 
+def best_end_ns(dues_ns: Sequence[Sequence[int]], earliest_ns: int, latest_ns: int) -> int | None:
+    """The instant of the plan, of those given, at which as many axes as possible are just about to step.
+
+    dues_ns: instants of steps, a list an axis. A chip waits a whole period after a Start, which is right for an axis
+    that would have stepped then: the sum of squares of how far the others are from that, in steps, is the least. None
+    if no step falls between ``earliest_ns`` and ``latest_ns``.
+    """
+    steady = [dues for dues in dues_ns if len(dues) > 2]
+    best_ns, least = None, 0.0
+    for dues in steady:
+        for ns in dues[bisect_left(dues, earliest_ns) : bisect_right(dues, latest_ns)]:
+            off = sum(_phase(others, ns) ** 2 for others in steady)
+            if best_ns is None or off < least:
+                best_ns, least = ns, off
+    return best_ns
+
+
+def _phase(dues_ns: Sequence[int], at_ns: int) -> float:
+    """How far, in steps, an instant is from the nearest step."""
+    after = min(max(bisect_left(dues_ns, at_ns), 1), len(dues_ns) - 1)
+    before_ns, after_ns = dues_ns[after - 1], dues_ns[after]
+    return min(abs(at_ns - before_ns), abs(after_ns - at_ns)) / (after_ns - before_ns)
+
+
 def steps_in(part: Slice, instants_ns: Sequence[int], at_once: bool) -> int:
     """How many of the steps due at ``instants_ns``, with one beyond the slice if there is one, the slice makes.
 

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks.paths import random_path
 from planner.motors import StepMotor
 from planner.steptrain import StepTrain
-from planner.stream_pieces import HASTE, PieceTrain, Slice, period_for, steps_in
+from planner.stream_pieces import HASTE, PieceTrain, Slice, best_end_ns, period_for, steps_in
 
 PART = Slice(100_000_000, 105_000_000, 4_600_000)
 
@@ -69,6 +69,30 @@ def test_a_chip_that_steps_at_once_is_met_as_well(phase: float, gap_ns: int) -> 
     off = [k * period_ns - PART.since_start_ns(ns) for k, ns in enumerate(instants[:count])]
     assert max(map(abs, off)) <= 0.6 * gap_ns
     assert (count - 1) * period_ns <= PART.run_ns
+
+
+@given(st.lists(st.tuples(st.integers(60_000, 900_000), st.floats(0.0, 1.0)), min_size=1, max_size=3))
+def test_a_slice_ends_where_most_axes_are_about_to_step(axes: list[tuple[int, float]]) -> None:
+    trains = [[PART.until_ns - int((20 + phase - k) * gap) for k in range(40)] for gap, phase in axes]
+    earliest_ns = PART.until_ns - 1_000_000
+
+    def off(ns: int) -> float:
+        return sum(
+            ((ns - steps[0]) / gap - round((ns - steps[0]) / gap)) ** 2
+            for steps, (gap, _) in zip(trains, axes, strict=True)
+        )
+
+    best_ns = best_end_ns(trains, earliest_ns, PART.until_ns)
+    assert best_ns is not None
+    inside = [ns for steps in trains for ns in steps if earliest_ns <= ns <= PART.until_ns]
+    assert best_ns in inside
+    assert off(best_ns) == pytest.approx(min(map(off, inside)), abs=1e-3)
+
+
+def test_a_slice_without_steady_steps_ends_where_it_would() -> None:
+    near = PART.until_ns - 1000
+    assert best_end_ns([[near - 5_000_000, near], []], PART.until_ns - 1_000_000, PART.until_ns) is None
+    assert best_end_ns([[1, 2, 3, 4]], PART.until_ns - 1_000_000, PART.until_ns) is None
 
 
 def test_a_single_step_comes_at_its_instant() -> None:
