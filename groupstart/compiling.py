@@ -26,7 +26,7 @@ from groupstart.compiled import FINDER, FOLDER, LIBRARY, MANIFEST, ROOMS, ROOT, 
 REQUIRED = ("mypy>=1.18", "setuptools>=65")
 """What compiling needs, as requirements."""
 PATTERNS = (
-    "nmc/budget.py", "nmc/bus.py", "nmc/executor.py", "nmc/guard.py", "nmc/modes.py", "nmc/phase.py",
+    "nmc/belief.py", "nmc/budget.py", "nmc/bus.py", "nmc/executor.py", "nmc/guard.py", "nmc/modes.py",
     "nmc/program.py", "nmc/recording_link.py", "nmc/servo_modes.py", "nmc/talk.py", "nmc/together.py", "nmc/twin.py",
     "nmc/wire.py", "nmc/chips/common.py", "nmc/chips/picservo.py", "nmc/chips/picstep.py", "nmc/chips/table4.py",
     "nmc/codec.py", "planner/motors.py", "planner/quantize.py", "planner/steptrain.py", "planner/stream*.py",
@@ -34,7 +34,8 @@ PATTERNS = (
     "sim/module.py", "sim/picio.py", "sim/picservo.py", "sim/picstep.py", "sim/registers.py", "sim/statusline.py",
     "sim/stepguard.py", "sim/stepinputs.py", "sim/stepload.py", "sim/stepmodes.py", "sim/steptimer.py",
     "sim/trace.py", "sim/uart.py", "sim/violations.py", "sim/world.py",
-    "machines/governor.py", "machines/patience.py", "machines/several.py", "machines/streaming.py",
+    "machines/governor.py", "machines/patience.py", "machines/ratecontrol.py", "machines/several.py",
+    "machines/streaming.py",
 )  # fmt: skip
 """What runs for every exchange, and every class derived from one of those: a compiled class has no heirs in Python."""
 UNTOUCHED = ("runtime_checkable", "(NmcError)", "(Exception)", "@njit")

@@ -7,7 +7,8 @@ first step comes one period after the start; the axis stands on the step that re
     start e      r        r+P      r+2P          load executes between two roll-overs:
       |-----P----|----P----|----P----|             the running period is finished, then P' holds
 
-``StepTimer`` is one possible chip. ``StepTimerTwin`` holds three: the nominal one and the fastest and slowest ones that
+``StepTimer`` is one possible chip. ``StepTimerTwin`` holds three: the nominal one, which follows the mean of what is
+believed (``nmc.belief``), and the fastest and slowest ones that
 agree with everything the host knows (execution windows, crystal error), so that the true chip lies between them.
 """
 
@@ -15,8 +16,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from nmc.belief import Belief
 from nmc.budget import Window
-from nmc.phase import Phase
 
 PPM = 1_000_000
 
@@ -69,7 +70,7 @@ class Latch:
     """A latch of the position that has been sent and not yet read: the twins as they were, and what came after."""
 
     window: Window
-    timers: tuple[StepTimer, StepTimer, StepTimer]
+    timers: tuple[StepTimer, StepTimer]
     superseded: list[tuple[int, int]]
     loads: list[tuple[Window, int]]
 
@@ -80,7 +81,7 @@ class StepTimerTwin:
     at_once: this chip was measured to make its first step when it is started, not one period later.
     """
 
-    __slots__ = ("_latch", "_superseded", "at_once", "crystal_ppm", "fast", "nominal", "phase", "slow", "steps")
+    __slots__ = ("_latch", "_superseded", "at_once", "belief", "crystal_ppm", "fast", "nominal", "slow", "steps")
 
     def __init__(self, crystal_ppm: int, at_once: bool = False) -> None:
         self.crystal_ppm = crystal_ppm
@@ -88,7 +89,7 @@ class StepTimerTwin:
         self.nominal = StepTimer()
         self.fast = StepTimer()
         self.slow = StepTimer()
-        self.phase = Phase(crystal_ppm)
+        self.belief = Belief(crystal_ppm)
         self.steps = 0
         self._superseded: list[tuple[int, int]] = []
         self._latch: Latch | None = None
@@ -96,12 +97,12 @@ class StepTimerTwin:
     def start(self, window: Window, period_ns: int, steps: int) -> None:
         """A run of ``steps`` was started from rest at an instant within the given window."""
         self.steps = steps
-        self.phase.start(window)
-        self.nominal.start(window.middle_ns, self._likely_period(period_ns), steps, self.at_once)
         self.fast.start(window.earliest_ns, self._fast_period(period_ns), steps, self.at_once)
         self.slow.start(window.latest_ns, self._slow_period(period_ns), steps, self.at_once)
         self._superseded.clear()
         self._latch = None
+        self.belief.start(window, period_ns, steps, self.at_once)
+        self._follow(window.middle_ns)
 
     def load(self, window: Window, period_ns: int) -> None:
         """A new count was executed within the given window while the axis was moving.
@@ -114,14 +115,12 @@ class StepTimerTwin:
         """
         if self._latch is not None:
             self._latch.loads.append((window, period_ns))
-        self.nominal.advance(window.middle_ns)
-        self.phase.load(window, self.nominal.next_ns, self.nominal.period_ns, period_ns)
         self._load(window, period_ns)
+        self.belief.load(window, period_ns)
+        self._follow(window.middle_ns)
 
     def _load(self, window: Window, period_ns: int) -> None:
         earliest_ns, latest_ns, _ = window
-        self.nominal.advance(window.middle_ns)
-        self.nominal.period_ns = self._likely_period(period_ns)
         fast, slow = self.fast, self.slow
         running_ns = self._longest_running_ns(earliest_ns)
         self._superseded.append((slow.period_ns, latest_ns))
@@ -142,7 +141,8 @@ class StepTimerTwin:
 
     def latch(self, window: Window) -> None:
         """The position was saved within the given window (Save Current Position as Home); it will be read later."""
-        timers = (self.fast.copy(), self.nominal.copy(), self.slow.copy())
+        timers = (self.fast.copy(), self.slow.copy())
+        self.belief.latch(window)
         self._latch = Latch(window, timers, list(self._superseded), [])
 
     def latched(self, steps: int) -> bool:
@@ -154,21 +154,22 @@ class StepTimerTwin:
         latch, self._latch = self._latch, None
         if latch is None:
             return True
-        fast, nominal, slow = latch.timers
+        fast, slow = latch.timers
         left = self.steps - steps
         earliest_ns, latest_ns, _ = latch.window
         if not fast.left_at(latest_ns) <= left <= slow.left_at(earliest_ns):
             return False
-        self.fast, self.nominal, self.slow, self._superseded = fast, nominal, slow, latch.superseded
-        self._learn(latch.window, left)
+        self.fast, self.slow, self._superseded = fast, slow, latch.superseded
         running_ns = self._longest_running_ns(earliest_ns)
-        for timer, period_ns in ((fast, 0), (nominal, nominal.period_ns), (slow, running_ns)):
+        for timer, period_ns in ((fast, 0), (slow, running_ns)):
             if timer.left_at(earliest_ns) < left:  # one step more than was seen: it comes after the latch
                 timer.left, timer.next_ns = left, earliest_ns + 1
             elif timer.left_at(latest_ns) > left:  # one step less: it came before
                 timer.left, timer.next_ns = left, latest_ns + period_ns
         for load in latch.loads:
             self._load(*load)
+        self.belief.latched(left)
+        self._follow(max(since.middle_ns for since in (latch.window, *(loaded for loaded, _ in latch.loads))))
         return True
 
     def done(self, now_ns: int) -> int:
@@ -192,19 +193,9 @@ class StepTimerTwin:
         self._superseded = [(p, since_ns) for p, since_ns in self._superseded if p > earliest_ns - since_ns]
         return max(self.slow.period_ns, *(p for p, _ in self._superseded), 0)
 
-    def _likely_period(self, period_ns: int) -> int:
-        return period_ns + round(period_ns * self.phase.rate)
-
-    def _learn(self, window: Window, left: int) -> None:
-        """The chip had ``left`` steps to go at an instant in the window; the nominal twin is as it was then."""
-        nominal = self.nominal
-        if not 0 < left < self.steps or nominal.left <= 0:
-            return
-        next_ns = nominal.next_ns + (nominal.left - left) * nominal.period_ns
-        nominal.next_ns += self.phase.observe(window, next_ns - nominal.period_ns, next_ns)
-        while nominal.next_ns - nominal.period_ns > window.latest_ns and nominal.left < self.steps:
-            nominal.next_ns -= nominal.period_ns
-            nominal.left += 1
+    def _follow(self, at_ns: int) -> None:
+        """The nominal timer is the mean of the possible chips."""
+        self.nominal.next_ns, self.nominal.period_ns, self.nominal.left = self.belief.mean(at_ns)
 
     def _fast_period(self, period_ns: int) -> int:
         return period_ns - period_ns * self.crystal_ppm // PPM - 1

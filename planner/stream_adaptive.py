@@ -23,7 +23,7 @@ from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-WORTH_UM = 0.4
+WORTH_UM = 0.3
 """A load is sent only if it mends at least this much."""
 ALARMING_UM = 5.0
 """A load that mends this much comes before a counter that is due to be read."""
@@ -116,10 +116,13 @@ class AdaptiveSchedule(StepSchedule):
         """The most urgent thing; or, if nothing is, whatever will be, at its time."""
         turn = Turn(self.now_ns, self._horizon_ns())
         first = self._next_appointment(turn.horizon_ns)
-        if first is not None and first[0] <= self.now_ns + self.soon_ns:
-            yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
-            return
         lane, worth_um = self._most_urgent(turn)
+        if first is not None and first[0] <= self.now_ns + self.soon_ns:
+            if lane is None or not self._may_wait(first, lane, worth_um):
+                yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
+            else:
+                yield from lane.mend(turn)
+            return
         if self.feedback.due() and self.feedback.overdue() and worth_um < ALARMING_UM:
             yield from self.feedback.step()
             return
@@ -133,6 +136,12 @@ class AdaptiveSchedule(StepSchedule):
             yield from self.feedback.step()
             return
         yield from self._later(first, turn.horizon_ns)
+
+    def _may_wait(self, first: tuple[int, Lane], urgent: Lane, worth_um: float) -> bool:
+        """Whether an exchange comes before an appointment, because another lane would lose more by waiting."""
+        at_ns, lane = first
+        delay_ns = self.now_ns + self.exchange_ns - at_ns
+        return lane is not urgent and worth_um > lane.delay_um(max(delay_ns, 0))
 
     def _horizon_ns(self) -> int:
         """When an axis will get its next turn: the moving ones share the bus."""

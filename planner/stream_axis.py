@@ -169,20 +169,30 @@ class StepAxis:
     def urgency_steps(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> float:
         """What a new count at ``execute_ns`` would mend, in steps; 0 while the next roll-over can wait for a later one.
 
-        A load that falls within ``unsure_ns`` of a roll-over acts either one period sooner or later: what that can
-        cost is subtracted, so such instants are avoided, above all where a long period is to be followed by a short.
+        It would be executed within ``unsure_ns`` of that. Judged is every chip that this one may be: those that roll
+        over in that time take the count one period sooner or later than the others, so such instants are avoided,
+        above all where a long period is to be followed by a short.
         """
         timer = self.twin.nominal
         next_ns, left = timer.ahead(execute_ns)
         if left <= 1 or next_ns - execute_ns > horizon_ns:
             return 0.0
-        wanted = max(self._aim(execute_ns, execute_ns + horizon_ns), 1)
-        span_ns = max(execute_ns + horizon_ns - next_ns, min(timer.period_ns, wanted))
-        error = abs(1.0 / timer.period_ns - 1.0 / wanted) * span_ns
-        since_ns = timer.period_ns - (next_ns - execute_ns)
-        if timer.period_ns > 2 * unsure_ns and min(since_ns, next_ns - execute_ns) < unsure_ns:
-            error -= abs(1.0 - timer.period_ns / wanted)
-        return error
+        period_ns = max(self._aim(execute_ns, execute_ns + horizon_ns), 1)
+        target_ns = max(execute_ns + horizon_ns, next_ns + min(timer.period_ns, period_ns))
+        wanted = self._planned_to_go(target_ns)
+        return self.twin.belief.mends_steps(execute_ns, 2 * unsure_ns, target_ns, wanted, period_ns)
+
+    def _planned_to_go(self, at_ns: int) -> float:
+        """Steps to the stop position that the plan has left, with the part of the gap that is not over."""
+        leg = self.leg
+        assert leg is not None
+        instants = leg.instants_ns
+        beyond = abs(leg.stop_steps - leg.start_steps) - len(instants)
+        made = bisect_left(instants, at_ns - self.start_ns)
+        to_go = float(beyond + len(instants) - made)
+        if 0 < made < len(instants):
+            to_go -= (at_ns - self.start_ns - instants[made - 1]) / max(instants[made] - instants[made - 1], 1)
+        return to_go
 
     @property
     def slow(self) -> bool:

@@ -68,7 +68,7 @@ class GroupSchedule(StepSchedule):
         said = yield from self._alone(start_ns)
         if pending:
             yield from self.start(start_ns, pending)
-        elif not said:
+        elif not said and any(axis.moving for axis in self.axes):
             yield self._wait(start_ns)
 
     def _members(self) -> tuple[list[StepAxis], int]:

@@ -6,6 +6,8 @@ A lane has *appointments* (something must be sent at a certain instant, such as 
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -70,8 +72,11 @@ class Lane(Protocol):
     def keep(self, turn: Turn) -> Stream:
         """Send it."""
 
+    def delay_um(self, delay_ns: int) -> float:
+        """How far the axis would get from its plan if its appointment were kept so much later."""
+
     def worth_um(self, turn: Turn) -> float:
-        """How far from its plan the axis would be at the horizon without a load; 0 if none can or need be sent."""
+        """How much nearer to its plan a load would bring the axis at the horizon; 0 if none can or need be sent."""
 
     def mend(self, turn: Turn) -> Stream:
         """Send that load."""
@@ -123,13 +128,20 @@ class StepLane:
         last_ns = self._last_count_ns()
         return arrived_ns if last_ns is None else min(last_ns, arrived_ns)
 
+    def delay_um(self, delay_ns: int) -> float:
+        """A leg that begins late is late by the steps that it misses; what ends a leg cannot wait."""
+        leg = self.axis.next_leg()
+        if self.axis.halts or leg is None:
+            return math.inf
+        return bisect_left(leg.instants_ns, leg.instants_ns[0] + delay_ns) * self.step_um
+
     def _arrived_ns(self, wanted_ns: int) -> int:
         """When to ask an axis whether it has arrived, so that its next leg begins at ``wanted_ns``.
 
         The slowest twin may be far behind where the host hesitates; the moving bit says what the chip does.
         """
         axis = self.axis
-        likely_ns = axis.twin.nominal.arrival_ns() + round(ASK_DEVIATIONS * axis.twin.phase.deviation_ns())
+        likely_ns = axis.twin.nominal.arrival_ns() + round(ASK_DEVIATIONS * axis.twin.belief.arrival_deviation_ns())
         ask_ns = max(wanted_ns - self.timing.mean_exchange_ns(0), likely_ns - self.timing.command_ns(0))
         return max(ask_ns, axis.asked_ns + ASK_AGAIN_NS)
 

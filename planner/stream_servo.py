@@ -15,6 +15,8 @@ bit, so the host knows the command position at every tick and steers it back ont
 
 from __future__ import annotations
 
+import math
+
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
 from nmc.servo_twin import FRACTION_BITS, Profiler, TickClock
@@ -83,6 +85,10 @@ class ServoLane:
     def retime(self) -> None:
         """The trajectory has new times: look everything up again."""
         self.track.forget()
+
+    def delay_um(self, delay_ns: int) -> float:
+        """The begin of a motion cannot wait: a command that falls behind has to catch up."""
+        return math.inf
 
     def settle(self, now_ns: int) -> None:
         """A servo lane learns nothing from time alone."""

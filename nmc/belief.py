@@ -1,0 +1,100 @@
+"""What a chip is most likely doing: a set of possible chips, narrowed by the positions that it reports.
+
+Unknown are the instants at which commands were executed, the crystal, and so, where a load came near a roll-over, which
+period it has changed. No formula holds all of that, but a hundred possible chips do: each has a crystal and instants of
+its own and does what the data sheet says. Those that could not have shown the counter that was read are replaced by
+copies of those that could (a particle filter: Gordon, Salmond and Smith, 1993).
+
+    loads      |     P     |     P'                two possible chips a moment apart, and a load between their
+    chip 1     '    '    '      '      '           roll-overs: the one makes a period more than the other
+    chip 2      '    '        '      '      '
+
+The bounding twins, which keep the machine safe, do not depend on any of this.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, mean, step_spread, weigh
+from nmc.budget import Window
+
+PPM = 1e-6
+
+
+class Belief:
+    """The possible chips of one axis. Crystals outlive the legs.
+
+    crystal_ppm: the crystal lies within plus and minus this.
+    """
+
+    __slots__ = ("_chips", "_multiplier", "_seen", "steps")
+
+    def __init__(self, crystal_ppm: int) -> None:
+        self.steps = 0
+        self._chips: F8 = np.zeros((ROWS, CHIPS))
+        self._chips[RATE] = crystal_ppm * PPM * (2.0 * (np.arange(CHIPS) + 0.5) / CHIPS - 1.0)
+        self._chips[1:3] = 1.0
+        self._seen: tuple[Window, F8] | None = None
+        self._multiplier = 1
+
+    @property
+    def rate(self) -> float:
+        """Crystal error: periods are most likely longer by this share."""
+        return float(np.mean(self._chips[RATE]))
+
+    @property
+    def rate_deviation(self) -> float:
+        """Standard deviation of that."""
+        return float(np.std(self._chips[RATE]))
+
+    def start(self, window: Window, period_ns: int, steps: int, at_once: bool = False) -> None:
+        """A run of ``steps`` from rest was started within a window; ``at_once``: its first step came with it."""
+        self.steps = steps
+        self._seen = None
+        begin(self._chips, self._turn(), window.likely_ns, window.latest_ns, period_ns, steps, at_once)
+
+    def load(self, window: Window, period_ns: int) -> None:
+        """A count was executed within a window."""
+        load(self._chips, self._turn(), window.likely_ns, window.latest_ns, period_ns)
+
+    def latch(self, window: Window) -> None:
+        """The position was saved within a window and will be read later."""
+        self._seen = window, self._chips.copy()
+
+    def latched(self, left: int) -> bool:
+        """The saved position was read: ``left`` steps were to go.
+
+        False if that was thought next to impossible: the belief begins anew around it. Without a latch, and after a new
+        start, there is nothing to learn.
+        """
+        if self._seen is None:
+            return True
+        (window, then), self._seen = self._seen, None
+        return bool(weigh(self._chips, then, self._turn(), window.likely_ns, window.latest_ns + 1.0, left, self.steps))
+
+    def mean(self, at_ns: int) -> tuple[int, int, int]:
+        """(next step's instant, period after it, steps left) of the mean chip, as it is at ``at_ns``."""
+        next_ns, period_ns, left = mean(self._chips, at_ns, self.steps)
+        return round(next_ns), round(period_ns), int(left)
+
+    def next_deviation_ns(self, left: int) -> float:
+        """Standard deviation of the instant of the step that is made with ``left`` steps to go."""
+        return float(step_spread(self._chips, left))
+
+    def arrival_deviation_ns(self) -> float:
+        """Standard deviation of the instant of the last step."""
+        return self.next_deviation_ns(1)
+
+    def mends_steps(self, execute_ns: int, width_ns: int, target_ns: int, wanted: float, period_ns: int) -> float:
+        """By how much a load would bring the chip nearer to ``wanted`` steps to go at ``target_ns``.
+
+        The load would be executed within ``width_ns`` around ``execute_ns`` and give it ``period_ns``. See
+        ``nmc.belief_kernel.errors`` for what counts.
+        """
+        without, with_load = errors(self._chips, execute_ns, width_ns, target_ns, wanted, period_ns)
+        return float(without - with_load)
+
+    def _turn(self) -> int:
+        self._multiplier = self._multiplier * ROOT % CHIPS
+        return self._multiplier
