@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
 from machines.control import Control, RateStatus, Request
 from machines.governor import Advice, Governor
+from machines.ratecontrolled import RateControlled
 from nmc.program import Evidence
 from planner.errors import PlanError
 from planner.stream import Progress, StreamSource
@@ -25,34 +26,6 @@ from planner.types import F8, Trajectory
 
 NS_PER_S = 1_000_000_000
 SAMPLE_S = 5e-4
-
-
-@runtime_checkable
-class RateControlled(Protocol):
-    """A stream that can be held and overridden; ``planner.stream.StreamSource`` is one."""
-
-    trajectory: Trajectory
-    plan_start_ns: int
-
-    def hold(self) -> float:
-        """Come to rest; s of the plan. Raises ValueError where that cannot be."""
-
-    def resume(self) -> None:
-        """Go on."""
-
-    def override(self, rate: Rate) -> None:
-        """Change the rate of what has not been sent."""
-
-    def assume(self, jitter_max_ns: int) -> None:
-        """What the host may add before a packet."""
-
-    @property
-    def held(self) -> bool:
-        """A hold is on."""
-
-    @property
-    def holding(self) -> bool:
-        """A hold is on and every axis stands."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from numba import njit
 F8 = npt.NDArray[np.float64]
 
 
-BLOCK = 16
+BLOCK = 8
 """Segments that share one bounding box."""
 
 
@@ -59,6 +59,8 @@ def distances(
                 for a in range(axes):
                     gap = max(low[block, a] - pins[k, a], pins[k, a] - high[block, a], 0.0)
                     far += gap * gap
+                    if far > best:
+                        break
                 if far > best:
                     continue
             for i in range(max(block * BLOCK, first[k]), min((block + 1) * BLOCK, last[k])):
