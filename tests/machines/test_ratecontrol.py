@@ -67,7 +67,7 @@ def run(
         ("mill3-servo", "smooth", 5.0),
         ("mill3-servo", "stop-here", 35.0),
         ("mill3-mixed", "auto", 5.0),
-        ("gantry4-step", "auto", 4.5),
+        ("gantry4-step", "auto", 3.5),
     ],
 )
 def test_held_overridden_and_resumed_the_run_is_judged_by_the_times_that_held(

@@ -70,7 +70,7 @@ def test_two_buses_of_three_axes_are_better_than_one_of_six_with_a_slow_host() -
     both = stream_buses(path, SPLITS[6], conditions)
     alone = stream(path, conditions, "adaptive")
     good(both)
-    assert both.contour.contour_steps.rms < alone.contour.contour_steps.rms  # of which the rounding to steps is most
+    assert both.contour.contour_steps.rms < 0.98 * alone.contour.contour_steps.rms  # the rounding to steps is most
     assert both.contour.contour_steps.p999 < 0.7 * alone.contour.contour_steps.p999
     assert both.packets > 1.2 * alone.packets
     assert both.overlap > 0.25
