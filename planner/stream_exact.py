@@ -39,6 +39,11 @@ FASTER = 1.5
 """A slice runs at most so much faster than the plan."""
 PAUSES = 4
 """A slice is at least this many pauses long."""
+LONG_NS = 8_000_000
+"""A slice is made no longer than this to catch up, unless it takes longer to load all axes: how far its chord is off a
+bend grows with the square of it."""
+LAG_NS = 10_000_000
+"""Beyond this lag slices grow longer all the same."""
 END_SHARE = 0.08
 """A slice may end this share of it sooner or later."""
 GAP_SLICES = 2
@@ -172,12 +177,14 @@ class ExactSchedule(AdaptiveSchedule):
         from_ns = due_ns - round_ns // 2 if made_ns is None or self._after_rest(due_ns) else made_ns
         lead_ns = self.mean_ns(0) - self.start_ns
         wanted_ns = max([from_ns - lead_ns, *(self._stands_ns(a) - self.timing.command_ns(0) for a in self.axes)])
+        full_ns = round_ns
         loading_ns = round_ns
         pieces: list[Piece] = []
         for turn in range(3):  # how long loading takes hangs on the pieces, and they on how long it takes: to and fro
             begin_ns = max(wanted_ns, self.now_ns + loading_ns) + lead_ns
             run_ns = round_ns - self._pause_ns()
-            until_ns = min(begin_ns + round_ns, from_ns + int(FASTER * run_ns))
+            longest_ns = max(LONG_NS, full_ns * 21 // 20) + max(begin_ns - from_ns - LAG_NS, 0) // 2
+            until_ns = min(begin_ns + round_ns, from_ns + int(FASTER * run_ns), from_ns + longest_ns)
             part = Slice(from_ns, until_ns, run_ns)
             part, pieces = self._pieces(part)
             loading_ns = self._loading_ns(pieces, self.timing.mean_exchange_ns)

@@ -261,7 +261,7 @@ def test_a_host_as_assumed_is_left_alone() -> None:
     assert result.outcome.statistics.least_speed == 1.0
 
 
-@pytest.mark.parametrize("profile", ["group", "adaptive"])
+@pytest.mark.parametrize("profile", ["group", "adaptive", "exact"])
 def test_a_host_as_assumed_is_never_found_slow(profile: str) -> None:
     verdict = run("mill3-step", [], profile)[0].verdict
     assert verdict is not None

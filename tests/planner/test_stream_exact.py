@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks import rig
 from benchmarks.paths import ClosedForm, Warped, circle, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, bring_up, stream, timing_of
+from nmc.budget import BusTiming
 from nmc.executor import play
 from nmc.program import Evidence
 from planner.motors import Motor, StepMotor
@@ -94,6 +95,17 @@ def test_chips_whose_first_step_comes_with_the_start(
     outcome = stream(path, Conditions(0.2, seed=5), "exact")
     good(outcome)
     assert outcome.contour.contour_steps.max <= (2.2 if known else 3.0)
+
+
+@pytest.mark.parametrize("jitter_ms", [0.7, 2.0, 5.0])
+def test_a_host_far_slower_than_assumed_is_late_and_starts_nothing_that_moves(
+    jitter_ms: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When an axis stands is counted from the answer to its Start, not from when that should have arrived."""
+    monkeypatch.setattr(rig, "timing_of", lambda _: BusTiming.at(115200, jitter_max_ns=100_000))
+    outcome = stream(random_path(1, 20.0, duration_s=1.5), Conditions(jitter_ms, seed=6), "exact")
+    good(outcome)
+    assert outcome.counts.late_slices > 10
 
 
 @pytest.mark.parametrize("seed", range(4))
