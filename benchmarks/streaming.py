@@ -3,7 +3,8 @@
     PYTHONPATH=. python benchmarks/streaming.py [--seeds 20] [--processes 2] [--only adaptive] [--calibrated 10]
 
 Prints contour errors in steps (steppers) or um (servos), worst over the seeds; ends, violations and bus share beside.
-The floor is the ideal stepping of the same path: every step on its rounding instant.
+The floor is the ideal stepping of the same path: every step on its rounding instant. Planned and programmed
+path are the same for these closed forms; jobs a to f, planned from G-code on mill3-step at its limits, show both.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import numpy as np
 from benchmarks.paths import ClosedForm, circle, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, stream
 from benchmarks.rig_buses import SharedOutcome, stream_buses
+from benchmarks.streaming_jobs import names
+from benchmarks.streaming_jobs import row as job_row
 from planner.motors import StepMotor
 from planner.quantize import speed_mode_for
 from planner.steptrain import StepTrain
@@ -165,6 +168,11 @@ def main() -> None:
                 case = replace(case, conditions=replace(case.conditions, known_ppm=options.calibrated))
                 jobs = [(case, seed) for seed in range(case.seeds)]
                 print(report(case, list(pool.map(run_one, jobs))), flush=True)
+        if options.calibrated is None:
+            planned = [(p, n, j) for p in ("adaptive", "group") for j in JITTER_MS for n in names()]
+            wanted = [job for job in planned if options.only in job[0] or options.only in "jobs a to f"]
+            for line in pool.map(job_row, wanted):
+                print(line, flush=True)
 
 
 if __name__ == "__main__":
