@@ -118,7 +118,7 @@ class AdaptiveSchedule(StepSchedule):
         first = self._next_appointment(turn.horizon_ns)
         lane, worth_um = self._most_urgent(turn)
         if first is not None and first[0] <= self.now_ns + self.soon_ns:
-            if lane is None or not self._may_wait(first, lane, worth_um):
+            if lane is None or not self._comes_first(first, lane, worth_um, turn):
                 yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             else:
                 yield from lane.mend(turn)
@@ -137,11 +137,13 @@ class AdaptiveSchedule(StepSchedule):
             return
         yield from self._later(first, turn.horizon_ns)
 
-    def _may_wait(self, first: tuple[int, Lane], urgent: Lane, worth_um: float) -> bool:
+    def _comes_first(self, first: tuple[int, Lane], urgent: Lane, worth_um: float, turn: Turn) -> bool:
         """Whether an exchange comes before an appointment, because another lane would lose more by waiting."""
         at_ns, lane = first
         delay_ns = self.now_ns + self.exchange_ns - at_ns
-        return lane is not urgent and worth_um > lane.delay_um(max(delay_ns, 0))
+        if lane is urgent:
+            return lane.moving
+        return worth_um > lane.delay_um(delay_ns, turn)
 
     def _horizon_ns(self) -> int:
         """When an axis will get its next turn: the moving ones share the bus."""

@@ -72,7 +72,7 @@ class Lane(Protocol):
     def keep(self, turn: Turn) -> Stream:
         """Send it."""
 
-    def delay_um(self, delay_ns: int) -> float:
+    def delay_um(self, delay_ns: int, turn: Turn) -> float:
         """How far the axis would get from its plan if its appointment were kept so much later."""
 
     def worth_um(self, turn: Turn) -> float:
@@ -128,12 +128,15 @@ class StepLane:
         last_ns = self._last_count_ns()
         return arrived_ns if last_ns is None else min(last_ns, arrived_ns)
 
-    def delay_um(self, delay_ns: int) -> float:
-        """A leg that begins late is late by the steps that it misses; what ends a leg cannot wait."""
-        leg = self.axis.next_leg()
-        if self.axis.halts or leg is None:
+    def delay_um(self, delay_ns: int, turn: Turn) -> float:
+        """A leg that begins late is late by the steps that it misses; a last count that comes too late is lost."""
+        if self.axis.halts:
             return math.inf
-        return bisect_left(leg.instants_ns, leg.instants_ns[0] + delay_ns) * self.step_um
+        if delay_ns <= 0:
+            return 0.0
+        leg = self.axis.next_leg()
+        missed = 0 if leg is None else bisect_left(leg.instants_ns, leg.instants_ns[0] + delay_ns)
+        return max(missed * self.step_um, self.worth_um(turn))
 
     def _arrived_ns(self, wanted_ns: int) -> int:
         """When to ask an axis whether it has arrived, so that its next leg begins at ``wanted_ns``.

@@ -86,7 +86,7 @@ class ServoLane:
         """The trajectory has new times: look everything up again."""
         self.track.forget()
 
-    def delay_um(self, delay_ns: int) -> float:
+    def delay_um(self, delay_ns: int, turn: Turn) -> float:
         """The begin of a motion cannot wait: a command that falls behind has to catch up."""
         return math.inf
 

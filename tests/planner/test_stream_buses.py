@@ -65,15 +65,18 @@ def test_axes_that_pause_on_two_buses_pause_each_at_its_own_time(jitter_ms: floa
 
 
 def test_two_buses_of_three_axes_are_better_than_one_of_six_with_a_slow_host() -> None:
-    path = random_path(2, 20.0, 6, duration_s=2.0)
-    conditions = Conditions(2.0, seed=3)
-    both = stream_buses(path, SPLITS[6], conditions)
-    alone = stream(path, conditions, "adaptive")
-    good(both)
-    assert both.contour.contour_steps.rms < 0.98 * alone.contour.contour_steps.rms  # the rounding to steps is most
-    assert both.contour.contour_steps.p999 < 0.7 * alone.contour.contour_steps.p999
-    assert both.packets > 1.2 * alone.packets
-    assert both.overlap > 0.25
+    spreads = []
+    for seed in (1, 2, 3):
+        path, conditions = random_path(seed, 20.0, 6, duration_s=2.0), Conditions(2.0, seed=seed + 1)
+        both = stream_buses(path, SPLITS[6], conditions)
+        alone = stream(path, conditions, "adaptive")
+        good(both)
+        spreads.append([each.contour.contour_steps for each in (both, alone)])
+        assert both.packets > 1.2 * alone.packets
+        assert both.overlap > 0.25
+    assert sum(both.p999 for both, _ in spreads) < 0.7 * sum(alone.p999 for _, alone in spreads)
+    # of the root mean square most is the rounding to steps
+    assert sum(both.rms for both, _ in spreads) < 0.95 * sum(alone.rms for _, alone in spreads)
 
 
 @pytest.mark.parametrize("profile", ["smooth", "stop-here"])
