@@ -1,19 +1,27 @@
 """Profile ``group``: every member is reloaded every slice and one group Start Motion begins the slice for all.
 
-    slice k:   [leavers parked] [recruits grouped] [loads] [axes outside the group] ......| Start k |
-                                                                               send_at ---^
+    slice k:   [latch or read] [leavers parked] [recruits grouped] [loads] [axes outside the group] ..| Start k |
+                                                                                           send_at ---^
 
 While others move, a leg begins alone at its own instant (start now) and its axis joins the group once it runs. An axis
 that cannot be sure to move at the next Start leaves the group before it and ends its leg alone, on the stop position
 that the chip itself watches, helped by count-only loads of its own while that is safe.
+
+Each slice may begin with one exchange of the round that latches the counters of the group and reads them back
+(``planner.stream_feedback``): periods and the instant of the Start are chosen for where the chips most likely are and
+for what exchanges take on average, safety for the worst.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from nmc.budget import BusTiming
 from nmc.program import Exchange
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import Load, StepAxis
 from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, PREPARE_NS, Said, StepSchedule, Stream
+from planner.stream_feedback import Feedback
 
 TRIM_STEPS = 0.2
 """An axis that runs alone is given a new count when it would get this many steps off its plan without."""
@@ -25,6 +33,10 @@ class GroupSchedule(StepSchedule):
     """One group Start a slice. A hold or an override goes on ``adaptive``, which takes the same for granted."""
 
     successor: AdaptiveSchedule | None = None
+
+    def __init__(self, axes: Sequence[StepAxis], timing: BusTiming, bus: int) -> None:
+        super().__init__(axes, timing, bus)
+        self.feedback = Feedback(self, axes)
 
     @property
     def changing(self) -> bool:
@@ -55,11 +67,14 @@ class GroupSchedule(StepSchedule):
 
     def proceed(self) -> Stream:
         """One slice: everything that must be said before its Start, then the Start; without members, the rest alone."""
+        if self.feedback.due():
+            yield from self.feedback.step()
         members, start_ns = self._members()
         yield from self.regroup({axis.motor.address for axis in members})
+        start_ns = min(start_ns, self._likely_start_ns(len(members)))
         pending: list[tuple[StepAxis, Load]] = []
         execute_ns = self.mean_ns(start_ns)
-        target_ns = execute_ns + self.slice_ns(len(members))
+        target_ns = execute_ns + self.likely_slice_ns(len(members))
         for axis in members:
             data, load = axis.count_load(execute_ns, target_ns, start_now=False)
             evidence = yield self.load(axis, data)
@@ -78,13 +93,13 @@ class GroupSchedule(StepSchedule):
         slices. The slow ones are led alone: a load that comes after a roll-over acts a whole period later.
         """
         timing = self.timing
-        regroup_ns, count_ns = timing.worst_ns(2), timing.worst_ns(COUNT_BYTES)
+        regroup_ns, count_ns = timing.mean_exchange_ns(2), timing.mean_exchange_ns(COUNT_BYTES)
         inside = [axis for axis in self.axes if axis.in_stream and axis.moving]
         outside = [axis for axis in self.axes if not axis.in_stream and axis.moving]
-        start_ns = self.now_ns + self.slice_ns(len(inside)) + len(outside) * count_ns
+        start_ns = self.now_ns + self.likely_slice_ns(len(inside)) + len(outside) * count_ns
         fits = [axis for axis in inside if not axis.slow and axis.surely_moving_at(self.latest_ns(start_ns))]
         start_ns += regroup_ns * 2 * (len(inside) - len(fits))
-        enough_ns = RECRUIT_SLICES * self.slice_ns(len(self.axes))
+        enough_ns = RECRUIT_SLICES * self.likely_slice_ns(len(self.axes))
         recruits = [
             axis for axis in outside if not axis.slow and axis.surely_moving_at(self.latest_ns(start_ns) + enough_ns)
         ]
@@ -116,7 +131,7 @@ class GroupSchedule(StepSchedule):
         leg = axis.next_leg()
         assert leg is not None
         lead_ns = self.mean_ns(0, LEG_BYTES)
-        ahead_ns = self.slice_ns(len(self.axes))
+        ahead_ns = self.likely_slice_ns(len(self.axes))
         send_ns = max(axis.lone_start_ns(ahead_ns) - lead_ns, self.now_ns)
         if send_ns > max(start_ns, self.now_ns):
             return False
@@ -132,7 +147,7 @@ class GroupSchedule(StepSchedule):
         if not axis.surely_moving_at(self.latest_ns(self.now_ns, COUNT_BYTES)):
             return False
         execute_ns = self.mean_ns(self.now_ns, COUNT_BYTES)
-        target_ns = execute_ns + self.slice_ns(len(self.axes))
+        target_ns = execute_ns + self.likely_slice_ns(len(self.axes))
         if axis.aim_error_steps(execute_ns, target_ns) < TRIM_STEPS:
             return False
         data, load = axis.count_load(execute_ns, target_ns, start_now=True)
@@ -142,6 +157,18 @@ class GroupSchedule(StepSchedule):
         self.expect_moving(axis, evidence)
         axis.executed(load, self.window(evidence))
         return True
+
+    def likely_slice_ns(self, loads: int) -> int:
+        """Bus time of a slice as it is on average; what is safe is decided by ``slice_ns`` and ``latest_ns``.
+
+        A slice as long as its worst case would leave the bus idle for most of it on a host that hesitates now and then.
+        """
+        return loads * self.timing.mean_exchange_ns(COUNT_BYTES) + self.timing.mean_exchange_ns(0)
+
+    def _likely_start_ns(self, members: int) -> int:
+        """When the Start will leave, now that the group is as it shall be: what was set aside for that is over."""
+        alone = sum(1 for axis in self.axes if axis.moving and not axis.in_stream)
+        return self.now_ns + (members + alone) * self.timing.mean_exchange_ns(COUNT_BYTES)
 
     def _wait(self, start_ns: int) -> Exchange:
         """Nothing to say in this slice: ask the axis that ends next how it is."""
