@@ -67,6 +67,18 @@ def circle(radius_mm: float, feed_mm_s: float) -> ClosedForm:
     return along(("X", "Y", "Z"), 2.0 * np.pi * radius_mm, feed_mm_s, point)
 
 
+def helix(radius_mm: float, rise_mm: float, turns: float, feed_mm_s: float) -> ClosedForm:
+    """A circle in XY from the origin while Z rises by ``rise_mm`` each turn; the feed is along the helix."""
+    slope = np.hypot(2.0 * np.pi * radius_mm, rise_mm)
+
+    def point(s: F8) -> F8:
+        angle = 2.0 * np.pi * s / slope
+        circle_xy = (radius_mm * (1.0 - np.cos(angle)), radius_mm * np.sin(angle))
+        return np.stack((*circle_xy, rise_mm * s / slope), axis=1)
+
+    return along(("X", "Y", "Z"), turns * slope, feed_mm_s, point)
+
+
 def line(end_mm: tuple[float, ...], feed_mm_s: float) -> ClosedForm:
     """A straight line from the origin."""
     end = np.array(end_mm)

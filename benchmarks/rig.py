@@ -27,6 +27,8 @@ from sim.pulses import Pins, ServoTrack, StepRuns, pins
 from sim.spec import BusSpec, CountLatch, ServoModule, ServoPlant, StepModule
 from sim.trace import Trace
 
+RESTS_NS = 100_000_000
+"""A command that shows the same count for so long is taken to stand on it: slower than 0.025 mm/s at 400 counts/mm."""
 MODE_BITS = {8: 0, 4: 1, 2: 2, 1: 3}
 """Set Parameters, bits 1 and 0 (PIC-STEP data sheet, section 5.1)."""
 
@@ -59,6 +61,8 @@ class Outcome:
     violations: dict[str, int]
     bus_share: float
     packets: int
+    pwm_change_rms: float = 0.0
+    """Of the servos from tick to tick while the plan runs, as their filter computes it; the worst axis."""
 
 
 def module_of(name: str, conditions: Conditions) -> StepModule | ServoModule:
@@ -160,6 +164,7 @@ def stream(
         violations=dict(Counter(v.rule for v in simulation.violations)),
         bus_share=bytes_used * timing.byte_ns / max(end_ns - begin_ns, 1),
         packets=packets,
+        pwm_change_rms=pwm_change_rms(simulation.trace(), conditions.gains, start_ns, trajectory.duration_s),
     )
 
 
@@ -176,10 +181,38 @@ def contours(trace: Trace, trajectory: Trajectory, motors: Sequence[Motor], star
     return commanded, shaft
 
 
+def pwm_change_rms(trace: Trace, gains: Sequence[int], start_ns: int, duration_s: float) -> float:
+    """Root mean square of the change of PWM a tick (PIC-SERVO data sheet, section 4.3: Kp e + Kd de, over 256).
+
+    The integral term changes by less than a unit a tick and is left out. The worst servo; 0 without one.
+    """
+    worst = 0.0
+    judged = (trace.servo_ns >= start_ns) & (trace.servo_ns <= start_ns + duration_s * 1e9)
+    for motor in np.unique(trace.servo_axis):
+        mine = judged & (trace.servo_axis == motor)
+        error = trace.servo_command[mine].astype(np.float64) - trace.servo_position[mine]
+        output = np.clip((gains[0] * error[1:] + gains[1] * np.diff(error)) / 256.0, -255.0, 255.0)
+        if len(output) > 1:
+            worst = max(worst, float(np.sqrt(np.mean(np.diff(output) ** 2))))
+    return worst
+
+
+def travelling(time_ns: npt.NDArray[np.int64], counts: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Where a count stands for less than ``RESTS_NS`` between the change before it and the one after it."""
+    changes = np.flatnonzero(np.diff(counts))
+    if not len(changes):
+        return np.zeros(len(counts), dtype=np.bool_)
+    edges = np.concatenate(([-np.inf], time_ns[changes + 1], [np.inf]))
+    number = np.searchsorted(changes, np.arange(len(counts)), side="left")
+    brief: npt.NDArray[np.bool_] = edges[number + 1] - edges[number] < RESTS_NS
+    return brief
+
+
 def pins_of(trace: Trace, servo_counts: npt.NDArray[np.int32] | None = None) -> Pins:
     """Pins of a trace with either the command (if nothing is given) or the shaft of its servos.
 
-    The chip shows whole counts; while they change, the truth lies half a count above on average.
+    The trace has whole counts and leaves out the fraction of the command; while it is on its way from count to count
+    the truth lies half a count above on average. A count that stands longer than ``RESTS_NS`` is taken as it is.
     """
     runs = StepRuns(
         trace.run_axis, trace.run_first_ns, trace.run_period_ns, trace.run_count, trace.run_dir, trace.start_steps
@@ -189,6 +222,6 @@ def pins_of(trace: Trace, servo_counts: npt.NDArray[np.int32] | None = None) -> 
     for motor in np.unique(trace.servo_axis):
         mine = trace.servo_axis == motor
         counts = servo_counts[mine]
-        changes = np.diff(counts, prepend=counts[0]) != 0
-        tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts + 0.5 * changes))
+        time_ns = trace.servo_ns[mine]
+        tracks.append(ServoTrack(int(motor), time_ns, counts + 0.5 * travelling(time_ns, counts)))
     return pins(runs, tracks)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.paths import ClosedForm, circle, line, random_path, rounded_square
+from benchmarks.paths import ClosedForm, circle, helix, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, stream
 from benchmarks.rig_buses import SharedOutcome, stream_buses
 from benchmarks.streaming_jobs import names
@@ -32,6 +32,7 @@ NAMED: dict[str, Callable[[], ClosedForm]] = {
     "circle 50 mm, 20": lambda: circle(25.0, 20.0),
     "circle 50 mm, 60": lambda: circle(25.0, 60.0),
     "circle r2, 20": lambda: circle(2.0, 20.0),
+    "helix r2, 20": lambda: helix(2.0, 2.0, 5.0, 20.0),
     "square r1, 40": lambda: rounded_square(20.0, 1.0, 40.0),
 }
 JITTER_MS = (0.0, 0.2, 2.0)
@@ -77,7 +78,8 @@ def cases(seeds: int) -> Iterator[Case]:
                 yield Case(f"{path}, servos, jitter {jitter}", profile, path, min(seeds, 6), servos)
     for jitter in (0.0, 2.0):
         mixed = Conditions(jitter, servos=("X", "Y"))
-        yield Case(f"random 20, X Y servos, Z stepper, jitter {jitter}", "smooth", "random 20 3", min(seeds, 6), mixed)
+        for path in ("helix r2, 20", "random 20 3"):
+            yield Case(f"mixed {path}: X Y servos, Z stepper, jitter {jitter}", "smooth", path, min(seeds, 6), mixed)
 
 
 def bus_cases(seeds: int) -> Iterator[Case]:
@@ -137,6 +139,7 @@ def report(case: Case, outcomes: list[Outcome]) -> str:
         shaft = max(o.shaft.contour_um.max for o in outcomes)
         figures = (
             f"{max(c.max for c in command):6.1f} {max(c.p999 for c in command):6.1f} um command {shaft:6.1f} shaft"
+            f" PWM {max(o.pwm_change_rms for o in outcomes):4.1f}"
         )
     else:
         spreads = [o.contour.contour_steps for o in outcomes]

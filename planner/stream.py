@@ -24,7 +24,7 @@ from planner.stream_exact import ExactSchedule
 from planner.stream_group import GroupSchedule
 from planner.stream_hold import Retimed
 from planner.stream_pieces import PieceTrain
-from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, SmoothLane, StopHereLane
+from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, Pace, SmoothLane, StopHereLane
 from planner.timing import Rate
 from planner.types import Trajectory
 
@@ -217,7 +217,10 @@ def make_source(
     if not servos and profile != "adaptive":
         return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
     adaptive = AdaptiveSchedule(axes, timing, motors[0].bus)
-    lane = SmoothLane if profile == "smooth" else StopHereLane
+    pace = Pace()
     for motor in servos:
-        adaptive.add_servo(lane(trajectory, motor, adaptive, start_ns))
+        if profile == "smooth":
+            adaptive.add_servo(SmoothLane(trajectory, motor, adaptive, start_ns))
+        else:
+            adaptive.add_servo(StopHereLane(trajectory, motor, adaptive, start_ns, pace))
     return StreamSource(trajectory, adaptive, start_ns)

@@ -1,14 +1,15 @@
 """Lanes of PIC-SERVO axes: ``stop-here`` points and ``smooth`` velocity slices, one trajectory.
 
 ``stop-here``: each Stop Motor with Stop Here (PIC-SERVO data sheet, section 5.2) makes the command jump to a point,
-taken from the plan in the middle of the time that it will stand. A silent host leaves the axis standing.
+taken from the plan in the middle of the time that it will stand. A silent host leaves the axis standing. Between two
+points the command stands, and what counts is how far it is from the path: ``Pace`` and ``across``.
 
 ``smooth``: velocity mode, a goal velocity and an acceleration a turn. The profiler's arithmetic is known to the last
 bit, so the host knows the command position at every tick and steers it back onto the plan:
 
     v
-      |        ____v1        v1 = plan's velocity at the end of the turn + (what is missing there) / n ticks
-      |   ___/               a  = |v1 - v0| / n: the ramp ends with the turn; a late turn goes on at v1
+      |        ____v1        v1 and the length of the ramp: least squares of the distance from the plan at the
+      |   ___/               ticks of the turn and a few beyond it, for a late turn goes on at v1
       | v0
       +----|----|----> tick
 """
@@ -16,12 +17,13 @@ bit, so the host knows the command position at every tick and steers it back ont
 from __future__ import annotations
 
 import math
+import operator
 
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
 from nmc.servo_twin import FRACTION_BITS, Profiler, TickClock
 from planner.motors import ServoMotor
-from planner.quantize import NS_PER_S, nearest_step
+from planner.quantize import nearest_step
 from planner.stream_axis import LOAD_TRAJECTORY
 from planner.stream_base import AMP_ENABLE, NO_OPERATION, STOP_MOTOR, Said, StepSchedule, Stream
 from planner.stream_lane import Turn
@@ -36,8 +38,18 @@ STOP_HERE_BYTES, VELOCITY_BYTES = 5, 9
 LOCK_EXCHANGES = 12
 """Answers observed before motion to find the phase and rate of a servo clock."""
 TICKS_MIN = 4
-CORRECTION = 0.8
-"""Share of a missing distance that the end velocity of a turn is raised by; below 4/3 the corrections die out."""
+BEYOND = 0.5
+"""The end of a turn comes late as a rule: the plan is looked at this share of the turn beyond it."""
+RAMPS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+"""Lengths of the velocity ramp that are tried, shares of the turn."""
+ACROSS_MIN = 0.3
+"""What a distance along the path counts for: it is lag, but must not grow."""
+PACE_LOST_NS = 8_000_000
+"""A pace that is this far from real time begins anew: nothing was worth sending in between."""
+PACE_PHASE, PACE_RATE = 0.15, 0.02
+"""How the pace follows real time, shares of what it is behind: a loop with a damping of a half."""
+STANDS_LOW, STANDS_HIGH = 0.5, 3.0
+"""Bounds for how long a point is thought to stand, over the horizon of the turn."""
 REST_COUNTS = 2.0
 REST_VELOCITY = 0.4
 """A command this close to a resting plan, and this slow (counts a tick), is put onto it by Stop Here."""
@@ -103,8 +115,53 @@ class ServoLane:
         return None
 
 
+class Pace:
+    """The instants of the plan that Stop Here points are taken at, common to all axes of a bus.
+
+    Between two executions the command stands, so how far it is from the path depends on the points alone and not on
+    when they were executed: points at even distances make even stairs, whatever the host does. The pace follows real
+    time slowly; what it is behind or ahead is lag along the path.
+    """
+
+    def __init__(self) -> None:
+        self.last_ns = -math.inf
+        self.step_ns = 0.0
+        self.lanes: list[StopHereLane] = []
+
+    def across(self, lane: StopHereLane, time_ns: float) -> float:
+        """Which share of a distance along the axis of ``lane`` is a distance from the path; at least ``ACROSS_MIN``."""
+        mine = lane.track.rate(time_ns) * lane.count_um
+        square = sum((each.track.rate(time_ns) * each.count_um) ** 2 for each in self.lanes)
+        return max(math.sqrt(max(1.0 - mine * mine / square, 0.0)), ACROSS_MIN) if square else 1.0
+
+    def next_ns(self, execution_ns: float) -> float:
+        """Where the next point is taken if it is executed at ``execution_ns``."""
+        behind = execution_ns - self.last_ns - self.step_ns
+        if abs(behind) > PACE_LOST_NS or not self.step_ns:
+            return execution_ns
+        return self.last_ns + self.step_ns + PACE_PHASE * behind
+
+    def take(self, execution_ns: float) -> None:
+        """It is executed then."""
+        behind = execution_ns - self.last_ns - self.step_ns
+        if abs(behind) > PACE_LOST_NS or not self.step_ns:
+            self.step_ns = execution_ns - self.last_ns if abs(behind) <= PACE_LOST_NS else self.step_ns
+            self.last_ns = execution_ns
+            return
+        self.last_ns += self.step_ns + PACE_PHASE * behind
+        self.step_ns = max(self.step_ns + PACE_RATE * behind, 0.0)
+
+
 class StopHereLane(ServoLane):
-    """Positions, each sampled for the instant at which it is executed."""
+    """Positions, each sampled for the middle of the time that it will stand."""
+
+    def __init__(
+        self, trajectory: Trajectory, motor: ServoMotor, schedule: StepSchedule, start_ns: int, pace: Pace
+    ) -> None:
+        super().__init__(trajectory, motor, schedule, start_ns)
+        self.pace = pace
+        pace.lanes.append(self)
+        self._taken_ns = 0.0
 
     @property
     def moving(self) -> bool:
@@ -126,16 +183,25 @@ class StopHereLane(ServoLane):
         raise AssertionError("a lane without appointments")
 
     def worth_um(self, turn: Turn) -> float:
-        """Distance of the next point from the one that stands."""
-        return abs(self._next_point(turn) - self.point) * self.count_um
+        """Distance of the next point from the one that stands, as far as it is across the path."""
+        away_um = abs(self._next_point(turn) - self.point) * self.count_um
+        return away_um * self.pace.across(self, turn.send_ns)
 
     def mend(self, turn: Turn) -> Stream:
         """Send the point."""
-        yield from self.stop_here(self._next_point(turn), turn.send_ns)
+        point, execution_ns = self._next_point(turn), self._execution_ns(turn)
+        self._taken_ns = self.pace.next_ns(execution_ns)
+        self.pace.take(execution_ns)
+        yield from self.stop_here(point, turn.send_ns)
+
+    def _execution_ns(self, turn: Turn) -> float:
+        return self.clock.end_ns(self.execution_tick(turn.send_ns, STOP_HERE_BYTES))
 
     def _next_point(self, turn: Turn) -> int:
-        tick = self.execution_tick(turn.send_ns, STOP_HERE_BYTES)
-        return nearest_step(self.track.at(self.clock.end_ns(tick) + turn.horizon_ns / 2), 1.0)
+        """An axis that has stood for long will most likely stand as long again."""
+        at_ns = self.pace.next_ns(self._execution_ns(turn))
+        stands_ns = min(max(at_ns - self._taken_ns, turn.horizon_ns * STANDS_LOW), turn.horizon_ns * STANDS_HIGH)
+        return nearest_step(self.track.at(at_ns + stands_ns / 2), 1.0)
 
 
 class SmoothLane(ServoLane):
@@ -211,16 +277,28 @@ class SmoothLane(ServoLane):
         return begin, begin + max(round(turn.horizon_ns / self.clock.period_ns), TICKS_MIN)
 
     def _steer(self, begin: int, end: int) -> tuple[int, int]:
-        """Goal velocity and acceleration for the ticks from ``begin`` to ``end``."""
-        ticks = end - begin
+        """Goal velocity and acceleration for the ticks from ``begin`` to ``end``: least squares to the plan.
+
+        A ramp of m ticks to v0 + d, and d from then on, moves the command by k v0 + d r(k) in k ticks; for each of some
+        lengths m the best d is known, and the best of those is taken. The plan is looked at a little beyond the end.
+        """
         now = self.profiler.after(begin - self.tick)
-        end_ns = self.clock.end_ns(end)
-        velocity = self.track.rate(end_ns) * self.clock.period_ns / NS_PER_S * ONE
-        reached = now.position + ticks * now.velocity + (velocity - now.velocity) / ticks * (ticks * (ticks + 1) / 2)
-        missing = self.track.at(end_ns) * ONE - reached
-        goal = round(velocity + CORRECTION * missing / ticks)
+        ticks = end - begin
+        last = ticks + round(BEYOND * ticks)
+        missing = [self._wanted(begin + k) * ONE - now.position - k * now.velocity for k in range(1, last + 1)]
+        best, change, length = math.inf, 0.0, ticks
+        for ramp in {max(round(share * ticks), 1) for share in RAMPS}:
+            moved = [k * (k + 1) / (2 * ramp) if k <= ramp else k - (ramp - 1) / 2 for k in range(1, last + 1)]
+            d = sum(map(operator.mul, moved, missing)) / sum(map(operator.mul, moved, moved))
+            off = sum((e - d * r) ** 2 for e, r in zip(missing, moved, strict=True))
+            if off < best:
+                best, change, length = off, d, ramp
+        goal = round(now.velocity + change)
         change = abs(goal - now.velocity)
-        return goal, max(round(change / ticks), 1 if change else 0)
+        return goal, max(round(change / length), 1 if change else 0)
+
+    def _wanted(self, tick: int) -> float:
+        return self.track.at(self.clock.end_ns(tick))
 
     def _rest_point(self, tick: int) -> int | None:
         """The point to stop at if the plan rests from ``tick`` on and the command is near enough."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.paths import ClosedForm, circle, line, random_path, rounded_square
+from benchmarks.paths import ClosedForm, circle, helix, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, bring_up, stream
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Outcome",
     "bring_up",
     "circle",
+    "helix",
     "line",
     "random_path",
     "rounded_square",

@@ -1,0 +1,81 @@
+"""Servo lanes: how near the command comes to the path, and what Stop Here points are taken at."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from stream_rig import Conditions, Outcome, circle, helix, random_path, stream
+
+from benchmarks.rig import travelling
+from planner.stream_servo import Pace
+
+ALL = ("X", "Y", "Z")
+
+
+def clean(outcome: Outcome) -> None:
+    assert not outcome.violations
+    assert all(end == 0 for end in outcome.contour.end_error_steps.values())
+
+
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 2.6), (2.0, 3.3)])
+def test_a_smooth_command_keeps_to_the_circle_without_shaking_the_motor(jitter_ms: float, command_um: float) -> None:
+    outcome = stream(circle(2.0, 20.0), Conditions(jitter_ms, servos=ALL, seed=100), "smooth")
+    clean(outcome)
+    assert outcome.contour.contour_um.max <= command_um
+    assert outcome.shaft.contour_um.max <= 25.0
+    assert 0.0 < outcome.pwm_change_rms <= 20.0
+
+
+def test_a_smooth_command_follows_where_the_acceleration_jumps() -> None:
+    outcome = stream(random_path(0, 20.0), Conditions(servos=ALL, seed=100), "smooth")
+    clean(outcome)
+    assert outcome.contour.contour_um.max <= 3.5
+
+
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 18.0), (2.0, 35.0)])
+def test_stop_here_points_make_even_stairs(jitter_ms: float, command_um: float) -> None:
+    outcome = stream(circle(2.0, 20.0), Conditions(jitter_ms, servos=ALL, seed=100), "stop-here")
+    clean(outcome)
+    assert outcome.contour.contour_um.max <= command_um
+
+
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 6.0), (2.0, 7.5)])
+def test_a_helix_of_two_servos_and_a_stepper(jitter_ms: float, command_um: float) -> None:
+    outcome = stream(helix(2.0, 2.0, 5.0, 20.0), Conditions(jitter_ms, servos=("X", "Y"), seed=101), "smooth")
+    clean(outcome)
+    assert outcome.contour.contour_um.max <= command_um
+
+
+def test_the_pace_is_even_where_executions_are_not_and_stays_with_them() -> None:
+    rng = np.random.default_rng(3)
+    executions = 1e9 + 2e6 * np.arange(400) + rng.uniform(-1e6, 1e6, 400)
+    pace, taken = Pace(), []
+    for ns in executions:
+        taken.append(pace.next_ns(ns))
+        pace.take(ns)
+    assert np.std(np.diff(taken[50:])) < 0.3 * np.std(np.diff(executions[50:]))
+    assert np.max(np.abs(np.array(taken) - executions)) < 3e6
+    assert abs(np.mean(np.array(taken[50:]) - executions[50:])) < 0.1e6
+
+
+def test_the_pace_begins_anew_after_a_rest() -> None:
+    pace = Pace()
+    for ns in (1e9, 1.002e9, 1.004e9):
+        pace.take(ns)
+    assert pace.next_ns(2e9) == 2e9
+
+
+def test_a_count_that_stands_for_long_is_a_rest() -> None:
+    time_ns = np.arange(0, 400_000_000, 500_000)
+    counts = np.where(time_ns < 200_000_000, 0, (time_ns - 200_000_000) // 50_000_000 + 1).clip(0, 3).astype(np.int32)
+    moving = travelling(time_ns, counts)
+    assert not moving[0]
+    assert moving[counts == 1].all()
+    assert moving[counts == 2].all()
+    assert not moving[-1]
+    assert not travelling(time_ns, np.zeros_like(counts)).any()
