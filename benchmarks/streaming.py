@@ -78,8 +78,8 @@ def cases(seeds: int) -> Iterator[Case]:
                 yield Case(f"{path}, servos, jitter {jitter}", profile, path, min(seeds, 6), servos)
     for jitter in (0.0, 2.0):
         mixed = Conditions(jitter, servos=("X", "Y"))
-        for path in ("helix r2, 20", "random 20 3"):
-            yield Case(f"mixed {path}: X Y servos, Z stepper, jitter {jitter}", "smooth", path, min(seeds, 6), mixed)
+        for profile, path in (("smooth", "helix r2, 20"), ("smooth", "random 20 3"), ("stop-here", "helix r2, 20")):
+            yield Case(f"mixed {path}: X Y servos, Z stepper, jitter {jitter}", profile, path, min(seeds, 6), mixed)
 
 
 def bus_cases(seeds: int) -> Iterator[Case]:

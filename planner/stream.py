@@ -217,7 +217,7 @@ def make_source(
     if not servos and profile != "adaptive":
         return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
     adaptive = AdaptiveSchedule(axes, timing, motors[0].bus)
-    pace = Pace()
+    pace = Pace(alone={motor.axis for motor in servos} == set(trajectory.axes))
     for motor in servos:
         if profile == "smooth":
             adaptive.add_servo(SmoothLane(trajectory, motor, adaptive, start_ns))

@@ -120,10 +120,12 @@ class Pace:
 
     Between two executions the command stands, so how far it is from the path depends on the points alone and not on
     when they were executed: points at even distances make even stairs, whatever the host does. The pace follows real
-    time slowly; what it is behind or ahead is lag along the path.
+    time slowly; what it is behind or ahead is lag along the path, if no other axis keeps to the time. alone: the servos
+    of this bus are all axes there are.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, alone: bool = True) -> None:
+        self.alone = alone
         self.last_ns = -math.inf
         self.step_ns = 0.0
         self.lanes: list[StopHereLane] = []
@@ -137,7 +139,7 @@ class Pace:
     def next_ns(self, execution_ns: float) -> float:
         """Where the next point is taken if it is executed at ``execution_ns``."""
         behind = execution_ns - self.last_ns - self.step_ns
-        if abs(behind) > PACE_LOST_NS or not self.step_ns:
+        if abs(behind) > PACE_LOST_NS or not self.step_ns or not self.alone:
             return execution_ns
         return self.last_ns + self.step_ns + PACE_PHASE * behind
 
@@ -162,6 +164,7 @@ class StopHereLane(ServoLane):
         self.pace = pace
         pace.lanes.append(self)
         self._taken_ns = 0.0
+        self._free_ns = 0
 
     @property
     def moving(self) -> bool:
@@ -184,6 +187,8 @@ class StopHereLane(ServoLane):
 
     def worth_um(self, turn: Turn) -> float:
         """Distance of the next point from the one that stands, as far as it is across the path."""
+        if turn.send_ns < self._free_ns:
+            return 0.0
         away_um = abs(self._next_point(turn) - self.point) * self.count_um
         return away_um * self.pace.across(self, turn.send_ns)
 
@@ -193,6 +198,16 @@ class StopHereLane(ServoLane):
         self._taken_ns = self.pace.next_ns(execution_ns)
         self.pace.take(execution_ns)
         yield from self.stop_here(point, turn.send_ns)
+        self._free_ns = self.schedule.now_ns + self._others_ns()
+
+    def _others_ns(self) -> int:
+        """How long the bus belongs to the others after a point: nothing, or a turn each if there are steppers.
+
+        A point always mends more than a count does, so steppers would get the bus only when they are as far off.
+        """
+        if not self.schedule.axes:
+            return 0
+        return (len(self.pace.lanes) + len(self.schedule.axes) - 1) * self.timing.mean_exchange_ns(STOP_HERE_BYTES)
 
     def _execution_ns(self, turn: Turn) -> float:
         return self.clock.end_ns(self.execution_tick(turn.send_ns, STOP_HERE_BYTES))
