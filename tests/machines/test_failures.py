@@ -95,7 +95,7 @@ def still(simulation: Simulation) -> bool:
 def test_a_plug_that_is_pulled_is_told_with_the_one_thing_to_do(
     job: Job, plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    on_port(monkeypatch, lambda link: Port(link, 500))
+    on_port(monkeypatch, lambda link: Port(link, 1400))
     notes: list[str] = []
     result = perform(job, plan, MACHINE, RunOptions(), note=lambda event, _time_ns, **_fields: notes.append(event))
     assert result.verdict is None
