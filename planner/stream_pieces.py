@@ -14,6 +14,7 @@ is due up to half a gap after its end, and the axis is half a step ahead or behi
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -119,7 +120,7 @@ def best_end_ns(dues_ns: Sequence[Sequence[int]], earliest_ns: int, latest_ns: i
     best_ns, least = None, 0.0
     for dues in steady:
         for ns in dues[bisect_left(dues, earliest_ns) : bisect_right(dues, latest_ns)]:
-            off = sum(_phase(others, ns) ** 2 for others in steady)
+            off = math.fsum(_phase(others, ns) ** 2 for others in steady)
             if best_ns is None or off < least:
                 best_ns, least = ns, off
     return best_ns

@@ -133,7 +133,7 @@ class Pace:
     def across(self, lane: StopHereLane, time_ns: float) -> float:
         """Which share of a distance along the axis of ``lane`` is a distance from the path; at least ``ACROSS_MIN``."""
         mine = lane.track.rate(time_ns) * lane.count_um
-        square = sum((each.track.rate(time_ns) * each.count_um) ** 2 for each in self.lanes)
+        square = math.fsum((each.track.rate(time_ns) * each.count_um) ** 2 for each in self.lanes)
         return max(math.sqrt(max(1.0 - mine * mine / square, 0.0)), ACROSS_MIN) if square else 1.0
 
     def next_ns(self, execution_ns: float) -> float:
@@ -302,15 +302,15 @@ class SmoothLane(ServoLane):
         last = ticks + round(BEYOND * ticks)
         missing = [self._wanted(begin + k) * ONE - now.position - k * now.velocity for k in range(1, last + 1)]
         best, change, length = math.inf, 0.0, ticks
-        for ramp in {max(round(share * ticks), 1) for share in RAMPS}:
+        for ramp in sorted({max(round(share * ticks), 1) for share in RAMPS}):
             moved = [k * (k + 1) / (2 * ramp) if k <= ramp else k - (ramp - 1) / 2 for k in range(1, last + 1)]
-            d = sum(map(operator.mul, moved, missing)) / sum(map(operator.mul, moved, moved))
-            off = sum((e - d * r) ** 2 for e, r in zip(missing, moved, strict=True))
+            d = math.fsum(map(operator.mul, moved, missing)) / math.fsum(map(operator.mul, moved, moved))
+            off = math.fsum((e - d * r) ** 2 for e, r in zip(missing, moved, strict=True))
             if off < best:
                 best, change, length = off, d, ramp
         goal = round(now.velocity + change)
-        change = abs(goal - now.velocity)
-        return goal, max(round(change / length), 1 if change else 0)
+        gap = abs(goal - now.velocity)
+        return goal, max(round(gap / length), 1 if gap else 0)
 
     def _wanted(self, tick: int) -> float:
         return self.track.at(self.clock.end_ns(tick))
