@@ -37,6 +37,8 @@ ASK_DEVIATIONS = 2.0
 """An axis is asked when it has arrived with this much certainty."""
 ASK_AGAIN_NS = 2_000_000
 """Time between two questions whether an axis has arrived."""
+CALM = 0.2
+"""Share of a period after its middle at which a load is still far enough from the next roll-over."""
 LAST_NS = 150_000
 """How long before the last safe moment the slowing count is sent."""
 
@@ -196,16 +198,35 @@ class StepLane:
         return axis.urgency_steps(execute_ns, turn.horizon_ns, latest_ns - execute_ns) * self.step_um
 
     def mend(self, turn: Turn) -> Stream:
-        """A count-only load, started at once."""
+        """A count-only load, started at once; by an axis that moves alone in the middle between two roll-overs."""
         axis, schedule = self.axis, self.schedule
-        execute_ns = schedule.mean_ns(turn.send_ns, COUNT_BYTES)
+        send_ns = turn.send_ns
+        if sum(1 for each in schedule.axes if each.moving) == 1:
+            send_ns = self._calm_ns(send_ns)
+        execute_ns = schedule.mean_ns(send_ns, COUNT_BYTES)
         data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
-        evidence = yield schedule.load(axis, data, turn.send_ns)
+        evidence = yield schedule.load(axis, data, send_ns)
         if not evidence.sent:
             schedule.late_slices += 1
             return
         schedule.expect_moving(axis, evidence)
         axis.executed(load, schedule.window(evidence))
+
+    def _calm_ns(self, send_ns: int) -> int:
+        """The instant from ``send_ns`` on at which a load is furthest from a roll-over, within half a period.
+
+        Which of two roll-overs takes a count is then certain, if periods are longer than execution is unsure.
+        """
+        schedule, timer = self.schedule, self.axis.twin.nominal
+        execute_ns = schedule.mean_ns(send_ns, COUNT_BYTES)
+        unsure_ns = schedule.latest_ns(send_ns, COUNT_BYTES) - execute_ns
+        next_ns, left = timer.ahead(execute_ns)
+        if left < 3 or timer.period_ns < 2 * unsure_ns:
+            return send_ns
+        middle_ns = next_ns - timer.period_ns // 2
+        if middle_ns < execute_ns - CALM * timer.period_ns:
+            middle_ns += timer.period_ns
+        return send_ns + max(middle_ns - execute_ns, 0)
 
     def chore(self, now_ns: int) -> Said:
         """Stop Motor before a reversal; the moving bit of an axis that has probably arrived; the group for latches."""
