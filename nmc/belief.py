@@ -43,11 +43,6 @@ class Belief:
         """Crystal error: periods are most likely longer by this share."""
         return float(np.mean(self._chips[RATE]))
 
-    @property
-    def rate_deviation(self) -> float:
-        """Standard deviation of that."""
-        return float(np.std(self._chips[RATE]))
-
     def start(self, window: Window, period_ns: int, steps: int, at_once: bool = False) -> None:
         """A run of ``steps`` from rest was started within a window; ``at_once``: its first step came with it."""
         self.steps = steps

@@ -8,8 +8,8 @@ first step comes one period after the start; the axis stands on the step that re
       |-----P----|----P----|----P----|             the running period is finished, then P' holds
 
 ``StepTimer`` is one possible chip. ``StepTimerTwin`` holds three: the nominal one, which follows the mean of what is
-believed (``nmc.belief``), and the fastest and slowest ones that
-agree with everything the host knows (execution windows, crystal error), so that the true chip lies between them.
+believed (``nmc.belief``), and the fastest and slowest ones that agree with everything the host knows (execution
+windows, crystal error), so that the true chip lies between them.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ can happen by construction. A load of a PIC-STEP acts at the next roll-over only
 matters little and the period it carries is chosen for what comes after that roll-over.
 
                  X      Y   X      Z        X    Y              a load is worth its bus time only if the axis would be
-    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        half a micrometre or more off at its next turn; if none
+    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        a third of a micrometre off at its next turn; if none
                                                                 would be, the bus waits until one will
 """
 
@@ -97,6 +97,11 @@ class AdaptiveSchedule(StepSchedule):
         """New times have come and are not taken yet."""
         return self._new_times is not None
 
+    @property
+    def moving(self) -> int:
+        """How many lanes move: a servo beside a stepper takes its share of the bus."""
+        return sum(1 for lane in self.lanes if lane.moving)
+
     def retime(self, trajectory: Trajectory, rest_ns: int | None) -> None:
         """The trajectory has new times after what was sent. rest_ns: when a hold comes to rest, None without one."""
         self.hold = None if rest_ns is None else Hold(rest_ns)
@@ -147,8 +152,7 @@ class AdaptiveSchedule(StepSchedule):
 
     def _horizon_ns(self) -> int:
         """When an axis will get its next turn: the moving ones share the bus."""
-        moving = sum(1 for lane in self.lanes if lane.moving)
-        return int(HORIZON * self.exchange_ns * max(moving, 1)) + self.exchange_ns
+        return int(HORIZON * self.exchange_ns * max(self.moving, 1)) + self.exchange_ns
 
     def _next_appointment(self, horizon_ns: int) -> tuple[int, Lane] | None:
         dates = [(at_ns, lane) for lane in self.lanes if (at_ns := lane.appointment_ns(horizon_ns)) is not None]

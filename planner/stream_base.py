@@ -53,6 +53,11 @@ class StepSchedule:
         """New times have come for everything that has not begun."""
         return False
 
+    @property
+    def moving(self) -> int:
+        """How many axes of this bus move, or may."""
+        return sum(1 for axis in self.axes if axis.moving)
+
     def assume(self, timing: BusTiming) -> None:
         """What is assumed of the bus has changed."""
         self.timing = timing

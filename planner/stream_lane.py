@@ -201,7 +201,7 @@ class StepLane:
         """A count-only load, started at once; by an axis that moves alone in the middle between two roll-overs."""
         axis, schedule = self.axis, self.schedule
         send_ns = turn.send_ns
-        if sum(1 for each in schedule.axes if each.moving) == 1:
+        if schedule.moving == 1:
             send_ns = self._calm_ns(send_ns)
         execute_ns = schedule.mean_ns(send_ns, COUNT_BYTES)
         data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
@@ -213,7 +213,7 @@ class StepLane:
         axis.executed(load, schedule.window(evidence))
 
     def _calm_ns(self, send_ns: int) -> int:
-        """The instant from ``send_ns`` on at which a load is furthest from a roll-over, within half a period.
+        """The instant from ``send_ns`` on at which a load is furthest from a roll-over, within a period.
 
         Which of two roll-overs takes a count is then certain, if periods are longer than execution is unsure.
         """

@@ -143,15 +143,13 @@ class Pace:
             return execution_ns
         return self.last_ns + self.step_ns + PACE_PHASE * behind
 
-    def take(self, execution_ns: float) -> None:
-        """It is executed then."""
+    def take(self, execution_ns: float) -> float:
+        """It is executed then: the instant at which the point is taken."""
         behind = execution_ns - self.last_ns - self.step_ns
-        if abs(behind) > PACE_LOST_NS or not self.step_ns:
-            self.step_ns = execution_ns - self.last_ns if abs(behind) <= PACE_LOST_NS else self.step_ns
-            self.last_ns = execution_ns
-            return
-        self.last_ns += self.step_ns + PACE_PHASE * behind
-        self.step_ns = max(self.step_ns + PACE_RATE * behind, 0.0)
+        self.last_ns = self.next_ns(execution_ns)
+        if abs(behind) <= PACE_LOST_NS:
+            self.step_ns = max(self.step_ns + PACE_RATE * behind, 0.0) if self.step_ns else behind
+        return self.last_ns
 
 
 class StopHereLane(ServoLane):
@@ -195,8 +193,7 @@ class StopHereLane(ServoLane):
     def mend(self, turn: Turn) -> Stream:
         """Send the point."""
         point, execution_ns = self._next_point(turn), self._execution_ns(turn)
-        self._taken_ns = self.pace.next_ns(execution_ns)
-        self.pace.take(execution_ns)
+        self._taken_ns = self.pace.take(execution_ns)
         yield from self.stop_here(point, turn.send_ns)
         self._free_ns = self.schedule.now_ns + self._others_ns()
 
