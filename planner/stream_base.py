@@ -17,6 +17,7 @@ from nmc.budget import BusTiming, Window
 from nmc.program import Evidence, Exchange
 from planner.stream_axis import LOAD_TRAJECTORY, MOVING, SAFETY_NS, START_NOW, Load, StepAxis
 from planner.stream_error import StreamError
+from planner.stream_members import ranking
 from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
 
 SET_ADDRESS, START_MOTION, STOP_MOTOR, NO_OPERATION = 0x1, 0x5, 0x7, 0xE
@@ -140,8 +141,7 @@ class StepSchedule:
 
     def regroup(self, wanted: set[int]) -> Stream:
         """Make ``wanted`` (addresses) the streaming group."""
-        ranking = sorted(self.axes, key=lambda axis: -axis.twin.surely_moving_until_ns())
-        for address, data in regroup(self.groups, wanted, [axis.motor.address for axis in ranking]):
+        for address, data in regroup(self.groups, wanted, ranking(self.axes)):
             yield Exchange(address, SET_ADDRESS, data, bus=self.bus)
         for axis in self.axes:
             axis.in_stream = axis.motor.address in wanted

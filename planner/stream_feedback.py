@@ -47,9 +47,13 @@ class Feedback:
 
     def due(self) -> bool:
         """There is something to send: a latched position is unread, or a latch is due and an axis would take part."""
+        return self.due_at(self.schedule.now_ns)
+
+    def due_at(self, at_ns: int) -> bool:
+        """There will be something to send at ``at_ns``, if nothing is sent before."""
         if self._unread:
             return True
-        return self.schedule.now_ns > self.next_ns and any(axis.moving and axis.in_stream for axis in self.axes)
+        return at_ns > self.next_ns and any(axis.moving and axis.in_stream for axis in self.axes)
 
     def step(self) -> Stream:
         """Send the next exchange of the round."""

@@ -21,12 +21,11 @@ from nmc.program import Exchange
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import Load, StepAxis
 from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, PREPARE_NS, Said, StepSchedule, Stream
-from planner.stream_feedback import Feedback
+from planner.stream_feedback import HOME_BYTES, Feedback
+from planner.stream_members import Change, cost, next_change
 
 TRIM_STEPS = 0.2
 """An axis that runs alone is given a new count when it would get this many steps off its plan without."""
-RECRUIT_SLICES = 3
-"""An axis joins the group only if it surely runs on for so many slices: a change of group costs a load."""
 
 
 class GroupSchedule(StepSchedule):
@@ -37,6 +36,8 @@ class GroupSchedule(StepSchedule):
     def __init__(self, axes: Sequence[StepAxis], timing: BusTiming, bus: int) -> None:
         super().__init__(axes, timing, bus)
         self.feedback = Feedback(self, axes)
+        self.change: Change | None = None
+        """The group of the coming Start, as foreseen at the last; None: as it is."""
 
     @property
     def changing(self) -> bool:
@@ -62,6 +63,7 @@ class GroupSchedule(StepSchedule):
             if moving:
                 yield from self.proceed()
             else:
+                self.change = None
                 yield from self.depart(min(due))
         yield from self.successor.run()
 
@@ -69,12 +71,14 @@ class GroupSchedule(StepSchedule):
         """One slice: everything that must be said before its Start, then the Start; without members, the rest alone."""
         if self.feedback.due():
             yield from self.feedback.step()
-        members, start_ns = self._members()
+        members = self._members()
         yield from self.regroup({axis.motor.address for axis in members})
-        start_ns = min(start_ns, self._likely_start_ns(len(members)))
+        start_ns = self._likely_start_ns(len(members))
+        slice_ns = self.likely_slice_ns(len(members)) + self._outside() * self.timing.mean_exchange_ns(COUNT_BYTES)
+        self.change = next_change(self.axes, self.groups, slice_ns, self.latest_ns, start_ns)
         pending: list[tuple[StepAxis, Load]] = []
         execute_ns = self.mean_ns(start_ns)
-        target_ns = execute_ns + self.likely_slice_ns(len(members))
+        target_ns = execute_ns + self._ahead_ns(self.change, start_ns)
         for axis in members:
             data, load = axis.count_load(execute_ns, target_ns, start_now=False)
             evidence = yield self.load(axis, data)
@@ -86,26 +90,30 @@ class GroupSchedule(StepSchedule):
         elif not said and any(axis.moving for axis in self.axes):
             yield self._wait(start_ns)
 
-    def _members(self) -> tuple[list[StepAxis], int]:
-        """Who takes part in the coming Start, and when it leaves: as soon as the bus has carried what comes before.
+    def _members(self) -> list[StepAxis]:
+        """Who takes part in the coming Start: what was foreseen, but only those that surely still move then.
 
-        Members surely still move then and are not slow; an axis from outside is recruited only if it runs on for some
-        slices. The slow ones are led alone: a load that comes after a roll-over acts a whole period later.
+        Where one must leave that was not foreseen to, nobody joins.
         """
+        wanted = self.groups.streaming if self.change is None else self.change.wanted
+        members = [axis for axis in self.axes if axis.motor.address in wanted and axis.moving]
+        while True:
+            commands = cost(self.groups, {axis.motor.address for axis in members}, self.axes)
+            start_ns = self._likely_start_ns(len(members)) + commands * self.timing.mean_exchange_ns(2)
+            safe = [axis for axis in members if axis.surely_moving_at(self.latest_ns(start_ns))]
+            if len(safe) == len(members):
+                return members
+            members = [axis for axis in safe if axis.in_stream]
+
+    def _ahead_ns(self, change: Change, start_ns: int) -> int:
+        """How long the slice that begins at ``start_ns`` likely lasts, until the next Start."""
         timing = self.timing
-        regroup_ns, count_ns = timing.mean_exchange_ns(2), timing.mean_exchange_ns(COUNT_BYTES)
-        inside = [axis for axis in self.axes if axis.in_stream and axis.moving]
-        outside = [axis for axis in self.axes if not axis.in_stream and axis.moving]
-        start_ns = self.now_ns + self.likely_slice_ns(len(inside)) + len(outside) * count_ns
-        fits = [axis for axis in inside if not axis.slow and axis.surely_moving_at(self.latest_ns(start_ns))]
-        start_ns += regroup_ns * 2 * (len(inside) - len(fits))
-        enough_ns = RECRUIT_SLICES * self.likely_slice_ns(len(self.axes))
-        recruits = [
-            axis for axis in outside if not axis.slow and axis.surely_moving_at(self.latest_ns(start_ns) + enough_ns)
-        ]
-        start_ns += len(recruits) * 2 * regroup_ns
-        members = [axis for axis in fits if axis.surely_moving_at(self.latest_ns(start_ns))]
-        return members + recruits, start_ns
+        loads = sum(1 for axis in self.axes if axis.moving) * timing.mean_exchange_ns(COUNT_BYTES)
+        ahead_ns = timing.mean_exchange_ns(0) + loads + change.commands * timing.mean_exchange_ns(2)
+        return ahead_ns + self.feedback.due_at(start_ns) * timing.mean_exchange_ns(1, HOME_BYTES)
+
+    def _outside(self) -> int:
+        return sum(1 for axis in self.axes if axis.moving and not axis.in_stream)
 
     def _alone(self, start_ns: int) -> Said:
         """What axes outside the group need before the Start; True if anything was sent."""
@@ -167,8 +175,7 @@ class GroupSchedule(StepSchedule):
 
     def _likely_start_ns(self, members: int) -> int:
         """When the Start will leave, now that the group is as it shall be: what was set aside for that is over."""
-        alone = sum(1 for axis in self.axes if axis.moving and not axis.in_stream)
-        return self.now_ns + (members + alone) * self.timing.mean_exchange_ns(COUNT_BYTES)
+        return self.now_ns + (members + self._outside()) * self.timing.mean_exchange_ns(COUNT_BYTES)
 
     def _wait(self, start_ns: int) -> Exchange:
         """Nothing to say in this slice: ask the axis that ends next how it is."""

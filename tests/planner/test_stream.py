@@ -33,9 +33,8 @@ def clean(outcome: Outcome) -> None:
 def test_steppers_follow_the_path(path: str, profile: str, jitter_ms: float) -> None:
     outcome = stream(PATHS[path](), Conditions(jitter_ms=jitter_ms, seed=3), profile)
     clean(outcome)
-    assert outcome.contour.contour_steps.max <= {"adaptive": 3.5, "exact": 2.5, "group": 6.0}[profile]
-    if profile != "group":
-        assert outcome.contour.contour_steps.rms <= 1.0
+    assert outcome.contour.contour_steps.max <= {"adaptive": 3.5, "exact": 2.5, "group": 4.0}[profile]
+    assert outcome.contour.contour_steps.rms <= 1.0
     assert outcome.contour.sim_time_s == pytest.approx(PATHS[path]().duration_s, rel=0.01)
 
 
