@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, mean, step_spread, weigh
+from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, mean, spread, step_spread, weigh
 from nmc.budget import Window
 
 PPM = 1e-6
@@ -76,6 +76,10 @@ class Belief:
     def next_deviation_ns(self, left: int) -> float:
         """Standard deviation of the instant of the step that is made with ``left`` steps to go."""
         return float(step_spread(self._chips, left))
+
+    def deviation_steps(self, at_ns: int) -> float:
+        """Standard deviation of the steps to go at an instant to come."""
+        return float(spread(self._chips, at_ns))
 
     def arrival_deviation_ns(self) -> float:
         """Standard deviation of the instant of the last step."""

@@ -110,6 +110,18 @@ def step_spread(s: F8, left: float) -> float:
     return math.sqrt(max(squares / CHIPS - (total / CHIPS) ** 2, 0.0))
 
 
+@njit("f8(f8[:, ::1], f8)", cache=True)  # type: ignore[untyped-decorator]
+def spread(s: F8, at_ns: float) -> float:
+    """Standard deviation of the steps left at an instant to come."""
+    total = squares = 0.0
+    base = s[LEFT, 0]
+    for i in range(CHIPS):
+        off = to_go(s[NEXT, i], s[RUNNING, i], s[PERIOD, i], s[LEFT, i], at_ns) - base
+        total += off
+        squares += off * off
+    return math.sqrt(max(squares / CHIPS - (total / CHIPS) ** 2, 0.0))
+
+
 @njit("UniTuple(f8, 2)(f8[:, ::1], f8, f8, f8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
 def errors(
     s: F8, execute_ns: float, width_ns: float, target_ns: float, wanted: float, period_ns: float

@@ -1,8 +1,9 @@
 """Positions back from the chips while they run: one group latch, then a read of each in the slack.
 
 Save Current Position as Home (PIC-STEP data sheet, section 5.1) to the streaming group makes all members store their
-counters on one packet; the home registers are read one by one when the bus has time. What comes back closes the bounds
-of the twins, and is the guardian's evidence: a position that no chip of the data sheet could have had ends the stream.
+counters on one packet; the home registers are read one by one when the bus has time, the least known axis first. What
+comes back closes the bounds of the twins, and is the guardian's evidence: a position that no chip of the data sheet
+could have had ends the stream.
 """
 
 from __future__ import annotations
@@ -60,7 +61,10 @@ class Feedback:
         self._others = 0
         self.since_ns = max(self.schedule.now_ns, self.next_ns)
         if self._unread:
-            yield from self._read(self._unread.pop(0))
+            now_ns = self.schedule.now_ns
+            least_known = max(self._unread, key=lambda axis: axis.twin.belief.deviation_steps(now_ns))
+            self._unread.remove(least_known)
+            yield from self._read(least_known)
             return
         schedule = self.schedule
         evidence = yield Exchange(STREAMING_GROUP, SAVE_HOME, bus=schedule.bus)

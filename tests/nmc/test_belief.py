@@ -118,3 +118,15 @@ def test_a_load_is_worth_what_it_mends_less_what_it_risks() -> None:
 
 def test_every_set_of_quantiles_is_another_one() -> None:
     assert len({ROOT**k % CHIPS for k in range(CHIPS - 1)}) == CHIPS - 1
+
+
+def test_a_chip_that_a_load_may_have_met_at_either_side_is_known_less() -> None:
+    belief = Belief(0)
+    belief.start(at(0), 4_000_000, 100)
+    belief.load(at(15_000_000), 2_000_000)  # between two roll-overs
+    assert belief.deviation_steps(19_000_000) < 0.05
+    doubtful = Belief(0)
+    doubtful.start(at(0), 4_000_000, 100)
+    doubtful.load(Window(15_900_000, 16_100_000, 15_900_000), 2_000_000)
+    # at 19 ms half of them have made 5.5 steps, the last at 18 ms, and half 4.75: their next one comes at 20 ms
+    assert doubtful.deviation_steps(19_000_000) == pytest.approx(0.75 / 2, abs=0.01)
