@@ -24,6 +24,8 @@ FOLDER = Path(__file__).resolve().with_name("_compiled")
 MANIFEST = "manifest.json"
 LIBRARY = "groupstart__mypyc"
 """The extension module that holds the code; those named like their sources only point to it."""
+KERNELS = "groupstart__kernels"
+"""The extension module with the machine code of ``nmc.native``; where numba could not make it, it is not there."""
 SWITCH = "GROUPSTART_COMPILED"
 """Environment variable: 0 leaves compiled modules alone."""
 
@@ -104,7 +106,7 @@ class CompiledFinder(MetaPathFinder):
         except ImportError as error:
             self._files, self.state = {}, f"cannot be loaded: {error}"
         else:
-            self.state = f"{len(files) - 1} modules are compiled"
+            self.state = f"{len(files.keys() - {LIBRARY, KERNELS})} modules are compiled"
 
 
 FINDER = CompiledFinder()

@@ -1,6 +1,7 @@
-"""Compiles the modules that run for every exchange, with mypyc: three times the speed of an offline run.
+"""Compiles the modules that run for every exchange, with mypyc, and the kernels over arrays, with numba: four times the
+speed of an offline run.
 
-    python -m groupstart.compiling             compile for this Python; takes a minute or two
+    python -m groupstart.compiling             compile for this Python; takes two minutes
     python -m groupstart.compiling --status    say whether compiled modules are in use, and if not, why
     python -m groupstart.compiling --remove    remove them
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -21,9 +23,9 @@ import tempfile
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
-from groupstart.compiled import FINDER, FOLDER, LIBRARY, MANIFEST, ROOMS, ROOT, source_digest
+from groupstart.compiled import FINDER, FOLDER, KERNELS, LIBRARY, MANIFEST, ROOMS, ROOT, source_digest
 
-REQUIRED = ("mypy>=1.18", "setuptools>=65")
+REQUIRED = ("mypy>=1.18", "setuptools>=65", "numba>=0.60")
 """What compiling needs, as requirements."""
 PATTERNS = (
     "nmc/belief.py", "nmc/budget.py", "nmc/bus.py", "nmc/executor.py", "nmc/guard.py", "nmc/modes.py",
@@ -38,7 +40,7 @@ PATTERNS = (
     "machines/streaming.py",
 )  # fmt: skip
 """What runs for every exchange, and every class derived from one of those: a compiled class has no heirs in Python."""
-UNTOUCHED = ("runtime_checkable", "(NmcError)", "(Exception)", "@njit")
+UNTOUCHED = ("runtime_checkable", "(NmcError)", "(Exception)", "@native(")
 """Modules with these words stay as they are: protocols that are asked for at run time, exceptions, which others derive
 from, and what numba compiles."""
 NO_VALUES = (ast.Attribute, ast.Call, ast.Name, ast.Subscript)
@@ -65,6 +67,12 @@ def sources_of(root: Path) -> list[str]:
     """The modules to compile, as paths from ``root``."""
     found = {path.relative_to(root).as_posix() for pattern in PATTERNS for path in root.glob(pattern)}
     return [name for name in sorted(found) if not any(word in (root / name).read_text("utf-8") for word in UNTOUCHED)]
+
+
+def kernel_modules(root: Path) -> list[str]:
+    """The modules of the rooms with kernels in them."""
+    paths = sorted(path for room in ROOMS for path in (root / room).rglob("*.py"))
+    return [_module_of(path.relative_to(root).as_posix()) for path in paths if "\n@native(" in path.read_text("utf-8")]
 
 
 def with_finals(source: str) -> str:
@@ -157,8 +165,22 @@ def compile_into(folder: Path, root: Path = ROOT) -> list[str]:
         missing = [file for file in made.values() if not (work / file).exists()]
         if done.returncode or missing:
             raise CompileError(f"{done.stdout}{done.stderr}".strip() or f"not made: {missing[0]}")
+        told, kernels = _make_kernels(root, work), KERNELS + suffix
+        if (work / kernels).exists():
+            made[KERNELS] = kernels
+        else:
+            print(f"kernels are left to numba, which will compile them when they are first called: {told}")
         _keep(work, folder, made, {"suffix": suffix, "sources": digest, "modules": made})
     return [*made.values(), MANIFEST]
+
+
+def _make_kernels(root: Path, folder: Path) -> str:
+    """Make the library of kernels, if numba can (it says that its way to do so will change); returns what was said."""
+    script = str(root / "groupstart" / "kernel_build.py")
+    command = [sys.executable, "-P", script, str(root), str(folder), *kernel_modules(root)]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return f"{done.stdout}{done.stderr}".strip()
 
 
 def _module_of(source: str) -> str:
@@ -192,7 +214,7 @@ def main() -> int:
         except CompileError as error:
             print(f"{error}\nNothing is compiled; it needs a C compiler and: pip install 'groupstart[compile]'")
             return 1
-        print(f"{len(files) - 2} modules compiled")
+        print(f"{sum(file != MANIFEST and not file.startswith((LIBRARY, KERNELS)) for file in files)} modules compiled")
     return 0
 
 

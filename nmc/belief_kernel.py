@@ -14,7 +14,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from nmc.native import native
 
 F8 = npt.NDArray[np.float64]
 
@@ -38,13 +39,13 @@ SMALL_STEPS = 1.0
 UNIFORM = math.sqrt(12.0)
 
 
-@njit("f8(i8, i8)", cache=True, inline="always")  # type: ignore[untyped-decorator]
+@native("f8(i8, i8)", inline=True)
 def quantile(chip: int, multiplier: int) -> float:
     """The share of the set that lies below this chip."""
     return (chip * multiplier % CHIPS + 0.5) / CHIPS
 
 
-@njit("void(f8[:, ::1], i8, f8, f8, f8, f8, b1)", cache=True)  # type: ignore[untyped-decorator]
+@native("void(f8[:, ::1], i8, f8, f8, f8, f8, b1)", exact=True)
 def begin(s: F8, m: int, first_ns: float, last_ns: float, period_ns: float, steps: float, at_once: bool) -> None:
     """A run from rest, begun somewhere between two instants; ``at_once``: with its first step."""
     for i in range(CHIPS):
@@ -55,7 +56,7 @@ def begin(s: F8, m: int, first_ns: float, last_ns: float, period_ns: float, step
         s[LEFT, i] = steps
 
 
-@njit("UniTuple(f8, 3)(f8, f8, f8, f8, f8)", cache=True, inline="always")  # type: ignore[untyped-decorator]
+@native("UniTuple(f8, 3)(f8, f8, f8, f8, f8)", inline=True)
 def ahead(next_ns: float, running: float, period: float, left: float, at_ns: float) -> tuple[float, float, float]:
     """(next step, period that ends there, steps left) of a chip at an instant to come."""
     if at_ns < next_ns or left <= 0.0:
@@ -64,7 +65,7 @@ def ahead(next_ns: float, running: float, period: float, left: float, at_ns: flo
     return next_ns + made * period, period, left - made
 
 
-@njit("f8(f8, f8, f8, f8, f8)", cache=True, inline="always")  # type: ignore[untyped-decorator]
+@native("f8(f8, f8, f8, f8, f8)", inline=True)
 def to_go(next_ns: float, running: float, period: float, left: float, at_ns: float) -> float:
     """Steps left at an instant to come, with the part of the running period that is not over."""
     next_ns, running, left = ahead(next_ns, running, period, left, at_ns)
@@ -73,7 +74,7 @@ def to_go(next_ns: float, running: float, period: float, left: float, at_ns: flo
     return left - 1.0 + min(max((next_ns - at_ns) / running, 0.0), 1.0)
 
 
-@njit("void(f8[:, ::1], i8, f8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("void(f8[:, ::1], i8, f8, f8, f8)", exact=True)
 def load(s: F8, m: int, first_ns: float, last_ns: float, period_ns: float) -> None:
     """A count was executed somewhere between two instants."""
     for i in range(CHIPS):
@@ -82,7 +83,7 @@ def load(s: F8, m: int, first_ns: float, last_ns: float, period_ns: float) -> No
         s[PERIOD, i] = period_ns * (1.0 + s[RATE, i])
 
 
-@njit("UniTuple(f8, 3)(f8[:, ::1], f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("UniTuple(f8, 3)(f8[:, ::1], f8, f8)", exact=True)
 def mean(s: F8, at_ns: float, steps: float) -> tuple[float, float, float]:
     """(next step, period after it, steps left) of the chip that is where the chips are on average at an instant."""
     sum_to_go = sum_running = sum_period = most = 0.0
@@ -98,7 +99,7 @@ def mean(s: F8, at_ns: float, steps: float) -> tuple[float, float, float]:
     return at_ns + (on_average - (left - 1.0)) * running, sum_period / CHIPS, left
 
 
-@njit("f8(f8[:, ::1], f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("f8(f8[:, ::1], f8)", exact=True)
 def step_spread(s: F8, left: float) -> float:
     """Standard deviation of the instant at which ``left`` steps have become one less, in ns; no load comes before."""
     total = squares = 0.0
@@ -110,7 +111,7 @@ def step_spread(s: F8, left: float) -> float:
     return math.sqrt(max(squares / CHIPS - (total / CHIPS) ** 2, 0.0))
 
 
-@njit("f8(f8[:, ::1], f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("f8(f8[:, ::1], f8)", exact=True)
 def spread(s: F8, at_ns: float) -> float:
     """Standard deviation of the steps left at an instant to come."""
     total = squares = 0.0
@@ -122,7 +123,7 @@ def spread(s: F8, at_ns: float) -> float:
     return math.sqrt(max(squares / CHIPS - (total / CHIPS) ** 2, 0.0))
 
 
-@njit("UniTuple(f8, 2)(f8[:, ::1], f8, f8, f8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("UniTuple(f8, 2)(f8[:, ::1], f8, f8, f8, f8, f8)", exact=True)
 def errors(
     s: F8, execute_ns: float, width_ns: float, target_ns: float, wanted: float, period_ns: float
 ) -> tuple[float, float]:
@@ -146,7 +147,7 @@ def errors(
     return math.sqrt(without / CHIPS), math.sqrt(with_load / CHIPS) + risk
 
 
-@njit("void(f8[:, ::1], f8[:, ::1], i8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _moved(s: F8, then: F8, m: int, at_ns: float, left: float) -> None:
     for i in range(CHIPS):
         was = ahead(then[NEXT, i], then[RUNNING, i], then[PERIOD, i], then[LEFT, i], at_ns)[2]
@@ -154,7 +155,7 @@ def _moved(s: F8, then: F8, m: int, at_ns: float, left: float) -> None:
         s[NEXT, i] += (quantile(i, m) - 0.5) * s[RUNNING, i]
 
 
-@njit("void(f8[:, ::1], i8, i8, f8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _stir(s: F8, i: int, m: int, rate: float, rate_deviation: float, deviation_ns: float) -> None:
     before = 1.0 + s[RATE, i]
     noise = STIR * UNIFORM * (rate_deviation + LEAST_RATE)
@@ -164,7 +165,7 @@ def _stir(s: F8, i: int, m: int, rate: float, rate_deviation: float, deviation_n
     s[NEXT, i] += (quantile(i, m * ROOT % CHIPS) - 0.5) * width_ns
 
 
-@njit("b1(f8[:, ::1], f8[:, ::1], i8, f8, f8, f8, f8)", cache=True)  # type: ignore[untyped-decorator]
+@native("b1(f8[:, ::1], f8[:, ::1], i8, f8, f8, f8, f8)", exact=True)
 def weigh(s: F8, then: F8, m: int, first_ns: float, last_ns: float, left: float, steps: float) -> bool:
     """Somewhere between two instants the chip had ``left`` steps to go; ``then``: the chips as they were known then.
 

@@ -1,16 +1,14 @@
 """Compiled search of samples along a polyline; see planner.measure."""
 
-# numba carries no types:
-# mypy: disable-error-code="untyped-decorator"
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nmc.native import native
 from planner.types import F8, Index
 
 
-@njit(cache=True)
+@native()
 def _distance(points: F8, j: int, line: F8, i: int) -> float:
     """Of point ``j`` from segment ``i``."""
     along, d2, p2 = 0.0, 0.0, 0.0
@@ -28,7 +26,7 @@ LOST_SEGMENTS = 20_000
 """how many segments ahead a lost sample is looked for."""
 
 
-@njit(cache=True)
+@native("Tuple((i8, f8[::1]))(f8[:, ::1], f8[:, ::1], f8[::1], i8, f8[::1], f8, f8, f8[::1], i8[::1])")
 def _advance(
     q: F8, polyline: F8, length: F8, first: int, cost: F8, reach_mm: float, keep_mm: float, worst: F8, match: Index
 ) -> tuple[int, F8]:
@@ -95,7 +93,7 @@ def follow(q: F8, polyline: F8, segment: int, reach_mm: float, keep_mm: float) -
     return Follower(polyline, reach_mm, keep_mm, segment).take(q)
 
 
-@njit(cache=True)
+@native("i8(f8[:, ::1], f8[:, ::1], i8, f8[::1], b1, f8[::1])")
 def passes(q: F8, target: F8, at: int, near_mm: F8, last: bool, miss: F8) -> int:
     """Walk the samples past the vertices ``target`` f8[V, A] in order, from vertex ``at`` on.
 

@@ -11,14 +11,12 @@ steps. Forward: the largest u of every interval. Source: H. Pham, Q.-C. Pham, "A
 Parameterization Based on Reachability Analysis", IEEE T-RO 2018.
 """
 
-# numba carries no types:
-# mypy: disable-error-code="untyped-decorator"
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nmc.native import native
 from planner.types import F8
 
 Flags = npt.NDArray[np.bool_]
@@ -28,7 +26,7 @@ SHORT_MM = 1e-4
 """length below which rounding of x may show in s'': 1e-16 x / length, at 1 m/s still 1e-6 mm/s2 at this length."""
 
 
-@njit(cache=True)
+@native("void(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], b1[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
 def node_caps(
     length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8,
     corner_mm_s: F8, interval_cap: F8, node_cap: F8,
@@ -61,7 +59,7 @@ def node_caps(
         node_cap[i] = min(node_cap[i], corner_mm_s[i] ** 2)
 
 
-@njit(cache=True)
+@native()
 def _bounds(t0: F8, t1: F8, acceleration: F8, length: float, x: float, axes: int) -> tuple[float, float, float, float]:
     """Largest lower and smallest upper bound on u at x, with their slopes in x."""
     lo, lo_slope, hi, hi_slope = -np.inf, 0.0, np.inf, 0.0
@@ -83,7 +81,7 @@ def _bounds(t0: F8, t1: F8, acceleration: F8, length: float, x: float, axes: int
     return lo, lo_slope, hi, hi_slope
 
 
-@njit(cache=True)
+@native()
 def _straight_bound(t0: F8, acceleration: F8, axes: int) -> float:
     """Largest |u| on a straight line."""
     bound = np.inf
@@ -93,7 +91,7 @@ def _straight_bound(t0: F8, acceleration: F8, axes: int) -> float:
     return bound
 
 
-@njit(cache=True)
+@native()
 def _is_straight(t0: F8, t1: F8, axes: int) -> bool:
     for k in range(axes):  # noqa: SIM110 (numba compiles no generator expressions)
         if t0[k] != t1[k]:
@@ -101,7 +99,7 @@ def _is_straight(t0: F8, t1: F8, axes: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@native("void(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8, f8[::1])")
 def backward(
     length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, node_cap: F8, last: float, controllable: F8
 ) -> None:
@@ -133,7 +131,7 @@ def backward(
         controllable[i] = x
 
 
-@njit(cache=True)
+@native("void(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8, f8[::1])")
 def forward(
     length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, controllable: F8, x_start: float, x: F8
 ) -> None:
@@ -149,7 +147,7 @@ def forward(
         x[i + 1] = min(max(x[i] + d2 * u, 0.0), controllable[i + 1])
 
 
-@njit(cache=True)
+@native("i8(f8[::1], f8[::1])")
 def commit_point(controllable: F8, optimistic: F8) -> int:
     """The last node at which the two agree, so that nothing after the horizon can matter; 0 if only the first or
     none."""
@@ -159,7 +157,7 @@ def commit_point(controllable: F8, optimistic: F8) -> int:
     return 0
 
 
-@njit(cache=True)
+@native("UniTuple(f8[::1], 2)(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], b1[::1], f8[::1], f8[::1], f8[::1])")
 def solve(
     length: F8, tangent_in: F8, tangent_out: F8, feed_mm_s: F8, stop: Flags, velocity: F8, acceleration: F8,
     corner_mm_s: F8,
@@ -176,7 +174,9 @@ def solve(
     return x, interval_cap
 
 
-@njit(cache=True)
+@native(
+    "Tuple((f8[::1], i4[::1], f8[::1], f8[::1], f8[::1]))(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1])"
+)
 def fill_pieces(
     length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, x: F8, cap: F8
 ) -> tuple[F8, npt.NDArray[np.int32], F8, F8, F8]:
@@ -218,7 +218,7 @@ def fill_pieces(
     return duration[:m].copy(), interval[:m].copy(), offset[:m].copy(), speed[:m].copy(), accel[:m].copy()
 
 
-@njit(cache=True)
+@native("Tuple((i8, f8))(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], b1[::1], i8, f8, f8[::1])")
 def slowest(
     length: F8, tangent_in: F8, tangent_out: F8, acceleration: F8, stop: Flags, first: int, x_start: float, x: F8
 ) -> tuple[int, float]:

@@ -1,19 +1,17 @@
 """Compiled greedy merge of near-collinear moves; see planner.fold."""
 
-# numba carries no types:
-# mypy: disable-error-code="untyped-decorator"
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from nmc.native import native
 from planner.types import F8
 
 Flags = npt.NDArray[np.bool_]
 
 
-@njit(cache=True)
+@native()
 def _worst(
     anchor: F8, end: F8, index: npt.NDArray[np.intp], first: int, last: int, target: int, tolerance: F8
 ) -> float:
@@ -44,7 +42,7 @@ def _worst(
     return worst
 
 
-@njit(cache=True)
+@native("void(f8[::1], f8[:, ::1], b1[::1], f8, b1[::1])")
 def drop_tiny(start: F8, end: F8, arc: Flags, shortest_mm: float, keep: Flags) -> None:
     """Clear ``keep`` of moves that end nearer than shortest_mm to the last kept end; arcs are kept."""
     axes = len(start)
@@ -59,7 +57,7 @@ def drop_tiny(start: F8, end: F8, arc: Flags, shortest_mm: float, keep: Flags) -
             keep[m] = False
 
 
-@njit(cache=True)
+@native("f8(f8[::1], f8[:, ::1], f8[::1], b1[::1], i8, b1[::1])")
 def merge(start: F8, end: F8, tolerance: F8, joint: Flags, longest: int, keep: Flags) -> float:
     """Clear ``keep`` of moves whose end may go; returns the largest distance of a dropped vertex, mm.
 

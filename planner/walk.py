@@ -4,17 +4,15 @@ The arrays are those of planner.trajectory: per piece duration, interval, offset
 start, q' at both ends.
 """
 
-# numba carries no types:
-# mypy: disable-error-code="untyped-decorator"
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nmc.native import native
 from planner.types import F8, I4
 
 
-@njit(cache=True)
+@native()
 def _seek(begin_s: F8, m: int, t: float) -> int:
     """The piece that runs at ``t``, searched from piece ``m`` on."""
     last = len(begin_s) - 1
@@ -25,7 +23,10 @@ def _seek(begin_s: F8, m: int, t: float) -> int:
     return m
 
 
-@njit(cache=True)
+@native(
+    "f8[:, ::1]("
+    "f8[::1], f8[::1], f8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+)
 def sample_q(
     t: F8, begin_s: F8, duration_s: F8, interval: I4, offset: F8, speed: F8, accel: F8, length: F8, start: F8,
     tangent_in: F8, tangent_out: F8,
@@ -46,7 +47,7 @@ def sample_q(
     return out
 
 
-@njit(cache=True)
+@native()
 def _moments(o: float, v: float, u: float, tau: float) -> tuple[float, float]:
     """Integrals over [0, tau] of sigma and sigma^2, with sigma = o + v t + u t^2 / 2."""
     t2 = tau * tau
@@ -56,7 +57,7 @@ def _moments(o: float, v: float, u: float, tau: float) -> tuple[float, float]:
     return first, second
 
 
-@njit(cache=True)
+@native("f8[:, ::1](f8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
 def piece_integrals(
     duration_s: F8, interval: I4, offset: F8, speed: F8, accel: F8, length: F8, start: F8, tangent_in: F8,
     tangent_out: F8,
@@ -73,7 +74,10 @@ def piece_integrals(
     return out
 
 
-@njit(cache=True)
+@native(
+    "f8[:, ::1](f8[::1], f8[::1], f8[:, ::1], f8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], "
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+)
 def sample_integral(
     t: F8, begin_s: F8, sums: F8, duration_s: F8, interval: I4, offset: F8, speed: F8, accel: F8, length: F8, start: F8,
     tangent_in: F8, tangent_out: F8,

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from nmc.native import native
 
 F8 = npt.NDArray[np.float64]
 
@@ -15,7 +16,7 @@ BLOCK = 8
 """Segments that share one bounding box."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def boxes(knots: F8) -> tuple[F8, F8]:
     """Bounding boxes of runs of ``BLOCK`` segments: least and greatest corner, f8[blocks, A] each."""
     segments, axes = len(knots) - 1, knots.shape[1]
@@ -31,7 +32,7 @@ def boxes(knots: F8) -> tuple[F8, F8]:
     return low, high
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("UniTuple(f8[::1], 2)(f8[::1], f8[:, ::1], i8[::1], i8[::1], f8[::1], f8[:, ::1])")
 def distances(
     time_s: F8, pins: F8, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64], knots_s: F8, knots: F8
 ) -> tuple[F8, F8]:
@@ -83,7 +84,7 @@ def distances(
     return distance, nearest_s
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("i8[::1](f8[:, ::1], f8[:, ::1], f8, f8)")
 def follow(points: F8, polyline: F8, ahead_mm: float, lost_mm: float) -> npt.NDArray[np.int64]:
     """Segment of ``polyline`` (f8[M, A]) that each of ``points`` (f8[N, A], in order along it) belongs to.
 

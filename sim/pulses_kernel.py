@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from nmc.native import native
 
 F8 = npt.NDArray[np.float64]
 I8 = npt.NDArray[np.int64]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("Tuple((f8[::1], i4[::1]))(i8[::1], f8[::1], i4[::1])")
 def laid_out(first_ns: I8, period_ns: F8, count: npt.NDArray[np.int32]) -> tuple[F8, npt.NDArray[np.int32]]:
     """Time f8[K] of every pulse of the runs, run after run, and number i4[K] of its run."""
     total = 0
@@ -26,7 +27,7 @@ def laid_out(first_ns: I8, period_ns: F8, count: npt.NDArray[np.int32]) -> tuple
     return time_ns, run
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("i8[:, ::1](u1[::1], i1[::1], i8[::1])")
 def positions(motor: npt.NDArray[np.uint8], direction: npt.NDArray[np.int8], start_steps: I8) -> I8:
     """Counters i8[K, A] after each pulse, made by ``motor`` in ``direction``."""
     steps = np.empty((len(motor), len(start_steps)), np.int64)

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from nmc.native import native
 
 I8 = npt.NDArray[np.int64]
 I4 = npt.NDArray[np.int32]
@@ -43,13 +44,13 @@ FASTEST_COUNTS_S = 500_000.0  # section 3.2
 POWER_VOLTS = 12.0  # section 5.3
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("i8(i8)", exact=True)
 def wrap32(value: int) -> int:
     """A number as a 32-bit two's complement register holds it."""
     return (value + 0x80000000) % 0x100000000 - 0x80000000
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("void(i8[::1])", exact=True)
 def servo_off(n: I8) -> None:
     """The position servo is disabled: PWM 0, PWM mode, pos_error (sections 4.5, 5.3)."""
     n[SERVO_ON] = 0
@@ -59,7 +60,7 @@ def servo_off(n: I8) -> None:
     n[RAW_PWM] = n[PWM] = n[OUTPUT] = n[ADJUST] = 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("void(i8[::1])", exact=True)
 def servo_on(n: I8) -> None:
     """Begin to servo where the motor is, at the velocity it has (section 4.5): no jump."""
     if n[SERVO_ON] == 0:
@@ -69,7 +70,7 @@ def servo_on(n: I8) -> None:
         n[SUM] = n[LAST_ERROR] = n[ADJUST] = 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("void(i8[::1])", exact=True)
 def stop_abruptly(n: I8) -> None:
     """Stop Motor bit 2: command velocity and goal velocity 0, servo on, velocity mode."""
     servo_on(n)
@@ -78,7 +79,7 @@ def stop_abruptly(n: I8) -> None:
     n[MOVE_DONE] = 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("void(i8[::1])", exact=True)
 def stop_smoothly(n: I8) -> None:
     """Stop Motor bit 3: goal velocity 0, velocity mode, present acceleration."""
     servo_on(n)
@@ -87,7 +88,7 @@ def stop_smoothly(n: I8) -> None:
     n[MOVE_DONE] = 1 if n[VELOCITY] == 0 else 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _plant(n: I8, f: F8) -> None:
     """One full-rate tick of motor, amplifier, friction and end stops under the PWM that stands."""
     powered = n[AMP] != 0 and f[SUPPLY] > 0.0
@@ -112,7 +113,7 @@ def _plant(n: I8, f: F8) -> None:
     f[THETA], f[OMEGA], f[CURRENT] = theta, omega, current
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _encoder(n: I8, f: F8) -> None:
     """PIC-ENC: a 16-bit wrapping count, extended to 32 bits; edges closer than 2 us are missed (section 3.2, 4.2)."""
     count = math.floor(f[THETA])
@@ -130,7 +131,7 @@ def _encoder(n: I8, f: F8) -> None:
     n[POS] = position
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _inputs(n: I8, f: F8, switches: I8, before: int) -> bool:
     """Read limit pins, index, A/D; returns whether the index went by since the last tick."""
     count, value = n[COUNT], 0
@@ -154,7 +155,7 @@ def _inputs(n: I8, f: F8, switches: I8, before: int) -> bool:
     return passed
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _limit_current(n: I8) -> bool:
     """Section 4.3: the adjustment grows by one a tick while over the limit and shrinks by one while under it (X-05)."""
     limit = n[CL] & ~1
@@ -170,14 +171,14 @@ def _limit_current(n: I8) -> bool:
     return bool(over)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def braking_distance(velocity: int, accel: int) -> int:
     """Distance of v - a, v - 2a, ... until it would not be positive any more."""
     steps = (velocity - 1) // accel if velocity > 0 else 0
     return steps * velocity - accel * (steps * (steps + 1) // 2)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _trapezoid(n: I8) -> None:
     """One tick of a position move: the greatest velocity from which the goal can still be braked for (section 4.4)."""
     accel = n[ACCEL]
@@ -202,7 +203,7 @@ def _trapezoid(n: I8) -> None:
         n[MOVE_DONE] = n[ACCEL_DONE] = n[SLEW_DONE] = 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _profile(n: I8) -> None:
     """Where the motor should be at this tick (section 4.4)."""
     if n[MODE] == MODE_TRAPEZOID:
@@ -219,7 +220,7 @@ def _profile(n: I8) -> None:
     n[MOVE_DONE] = 1 if velocity == goal else 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _filter(n: I8) -> bool:
     """The PID filter in integers (section 4.3); returns whether the position error limit was exceeded."""
     error = wrap32((n[COMMAND] >> 16) - n[POS])
@@ -241,7 +242,7 @@ def _filter(n: I8) -> bool:
     return False
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _drive(n: I8) -> None:
     """PWM = min(|output / 256|, OL) - adjustment, plus the deadband compensation (section 4.3, 5.2)."""
     magnitude = max(min(abs(n[OUTPUT]) >> 8, n[OL]) - n[ADJUST], 0)
@@ -250,7 +251,7 @@ def _drive(n: I8) -> None:
     n[PWM] = magnitude
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native()
 def _home(n: I8, index_passed: bool, error: bool, limiting: bool) -> None:
     """Set Homing Mode: any flagged condition captures the position and stops in the flagged manner (section 5.2)."""
     flags = n[HOMING]
@@ -275,7 +276,7 @@ def _home(n: I8, index_passed: bool, error: bool, limiting: bool) -> None:
         stop_smoothly(n)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@native("void(i8, i8[::1], f8[::1], i8[:, ::1], i4[::1], i4[::1])", exact=True)
 def run(ticks: int, n: I8, f: F8, switches: I8, command: I4, position: I4) -> None:
     """Run ``ticks`` full-rate ticks. Samples go to command, position i4[K] from n[SAMPLES] on; there must be room."""
     for _ in range(ticks):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import json
 import os
 import re
@@ -19,6 +20,7 @@ import pytest
 
 from groupstart import compiled, compiling
 from groupstart.compiled import CompiledFinder, source_digest
+from nmc import native
 
 ROOT = compiled.ROOT
 
@@ -241,3 +243,15 @@ def test_records_are_written_out_and_stay_what_they_were(monkeypatch: pytest.Mon
         assert house["Counter"].__hash__ is None
         assert house["Same"](1) != house["Same"](1)
         assert house["Made"]().n == []
+
+
+def test_every_kernel_of_the_rooms_is_offered_with_all_its_parameters() -> None:
+    modules = compiling.kernel_modules(ROOT)
+    assert {"nmc.belief_kernel", "planner.kernel", "sim.servokernel"} <= set(modules)
+    assert not set(modules) & {source.removesuffix(".py").replace("/", ".") for source in compiling.sources_of(ROOT)}
+    for module in modules:
+        importlib.import_module(module)
+    offered = {name: (signature, function) for name, signature, function in native.OFFERED}
+    assert "planner_walk_sample_q" in offered
+    for name, (signature, function) in offered.items():
+        assert len(native.parameters_of(signature)) == function.__code__.co_argcount, name
