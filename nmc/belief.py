@@ -14,6 +14,8 @@ The bounding twins, which keep the machine safe, do not depend on any of this.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, mean, spread, step_spread, weigh
@@ -86,13 +88,15 @@ class Belief:
         return self.next_deviation_ns(1)
 
     def mends_steps(self, execute_ns: int, width_ns: int, target_ns: int, wanted: float, period_ns: int) -> float:
-        """By how much a load would bring the chip nearer to ``wanted`` steps to go at ``target_ns``.
+        """What a load would mend at ``target_ns``, where ``wanted`` steps should be to go; negative if it would harm.
 
-        The load would be executed within ``width_ns`` around ``execute_ns`` and give it ``period_ns``. See
-        ``nmc.belief_kernel.errors`` for what counts.
+        It is the root of what the mean square distance becomes less: an axis that is far off and can be brought nearer
+        only slowly comes before one that a load would put right by as many steps. The load would be executed within
+        ``width_ns`` around ``execute_ns`` and give it ``period_ns``. See ``nmc.belief_kernel.errors`` for what counts.
         """
         without, with_load = errors(self._chips, execute_ns, width_ns, target_ns, wanted, period_ns)
-        return float(without - with_load)
+        gain = without * without - with_load * with_load
+        return float(math.copysign(math.sqrt(abs(gain)), gain))
 
     def _turn(self) -> int:
         self._multiplier = self._multiplier * ROOT % CHIPS

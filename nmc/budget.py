@@ -102,3 +102,9 @@ class BusTiming:
         last = reply_ns if broken else min(foreseen_ns, reply_ns)
         likely = min(max(first, reply_ns - self.reply_delay_max_ns), last)
         return Window(first, last + self.start_delay_max_ns, likely)
+
+    def reading_window_ns(self, sent_ns: int, replied_ns: int, data_bytes: int, extra_bytes: int) -> Window:
+        """When what a module answers was read in it: after the command's end and before the answer began."""
+        first = sent_ns + self.command_ns(data_bytes)
+        last = max(first, replied_ns - self.reply_ns(extra_bytes))
+        return Window(first, last, max(first, last - self.reply_delay_max_ns))

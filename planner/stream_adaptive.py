@@ -4,9 +4,9 @@ There is no slice and, while anything moves, no group Start: every load is a "st
 can happen by construction. A load of a PIC-STEP acts at the next roll-over only, so the instant at which it is sent
 matters little and the period it carries is chosen for what comes after that roll-over.
 
-                 X      Y   X      Z        X    Y              a load is worth its bus time only if the axis would be
-    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        a fifth of a micrometre off at its next turn; if none
-                                                                would be, the bus waits until one will
+                 X      Y   X      Z        X    Y              a load is worth its bus time only if it brings the
+    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        axis a third of a micrometre nearer; if none
+                                                                does, the bus waits until one will
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-WORTH_UM = 0.2
+WORTH_UM = 0.3
 """A load is sent only if it mends at least this much."""
 ALARMING_UM = 5.0
 """A load that mends this much comes before a counter that is due to be read."""
@@ -127,6 +127,10 @@ class AdaptiveSchedule(StepSchedule):
                 yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             else:
                 yield from lane.mend(turn)
+            return
+        doubtful = self.feedback.doubtful()
+        if doubtful is not None and worth_um < ALARMING_UM:
+            yield from self.feedback.look(doubtful)
             return
         if self.feedback.due() and self.feedback.overdue() and worth_um < ALARMING_UM:
             yield from self.feedback.step()

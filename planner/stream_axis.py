@@ -63,6 +63,8 @@ class StepAxis:
         self.in_stream = False
         self.halts = False
         self.asked_ns = 0
+        self.looked_ns = 0
+        self.doubt_steps = 0.0
         self._lone: tuple[Leg, int, int] | None = None
         self._last_ns = 0
 
@@ -89,6 +91,7 @@ class StepAxis:
         self.last_direction = self.leg.direction
         self._last_ns = self.leg.instants_ns[-1]
         self.leg = None
+        self.doubt_steps = 0.0
 
     def stood(self) -> tuple[int, int]:
         """Of an axis at rest: since when, in ns of the plan, and on which step."""
@@ -312,9 +315,11 @@ class StepAxis:
         """``load`` was started within the given window."""
         if load.leg is None:
             self.twin.load(window, load.period_ns)
+            self.doubt_steps = self.twin.belief.deviation_steps(window.latest_ns)
             return
         self.leg = self.train.pop()
         assert self.leg is load.leg
         self.stop_motor_sent = False
+        self.doubt_steps = 0.0
         self.twin.start(window, load.period_ns, len(self.leg))
         self.halts = False

@@ -23,6 +23,10 @@ INTERVAL_NS = 10_000_000
 """Time between two latches: a chip that differs from its twin is stopped within this and a few exchanges."""
 QUIET_EXCHANGE_NS = 773_000
 """A No Operation on a host without jitter; on a slower one the round costs more and comes less often."""
+POSITION_ITEM, POSITION_BYTES = b"\x01", 4
+DOUBT_STEPS = 0.4
+"""An axis of which so much is unknown after a load (which roll-over took it?) is asked where it is."""
+ASK_AGAIN_NS = 4_000_000
 SHARE = 6
 LATE_NS = 6_000_000
 """On a busy bus a latched position is read after this time, or as one exchange in ``SHARE``."""
@@ -56,6 +60,34 @@ class Feedback:
             return True
         return at_ns > self.next_ns and any(axis.moving and axis.in_stream for axis in self.axes)
 
+    def doubtful(self) -> StepAxis | None:
+        """The axis of which least is known, if that is too little and it was not asked just now."""
+        now_ns = self.schedule.now_ns
+        blur_ns = self.schedule.timing.reply_delay_max_ns // 4
+        axes = [
+            axis
+            for axis in self.axes
+            if axis.doubt_steps > DOUBT_STEPS
+            and axis.doubt_steps * axis.twin.nominal.period_ns > blur_ns
+            and now_ns > axis.looked_ns + ASK_AGAIN_NS
+        ]
+        return max(axes, key=lambda axis: axis.doubt_steps, default=None)
+
+    def look(self, axis: StepAxis) -> Stream:
+        """Ask one axis for its counter; it is taken between the end of the command and the begin of the answer."""
+        schedule, leg = self.schedule, axis.leg
+        evidence = yield Exchange(
+            axis.motor.address, READ_STATUS, POSITION_ITEM, reply_extra=POSITION_BYTES, bus=schedule.bus
+        )
+        axis.looked_ns = schedule.now_ns
+        if leg is None or axis.leg is not leg:
+            return
+        window = schedule.timing.reading_window_ns(evidence.sent_ns, evidence.replied_ns, 1, POSITION_BYTES)
+        axis.twin.latch(window)
+        if axis in self._unread:
+            self._unread.remove(axis)
+        self._take(axis, int.from_bytes(evidence.extra, "little", signed=True))
+
     def step(self) -> Stream:
         """Send the next exchange of the round."""
         self._others = 0
@@ -81,7 +113,13 @@ class Feedback:
         )
         if leg is None or axis.leg is not leg:
             return
-        home = int.from_bytes(evidence.extra, "little", signed=True)
-        if not axis.twin.latched((home - leg.start_steps) * leg.direction):
+        self._take(axis, int.from_bytes(evidence.extra, "little", signed=True))
+
+    def _take(self, axis: StepAxis, counter: int) -> None:
+        """A counter has been read that was taken at the last latch."""
+        leg = axis.leg
+        assert leg is not None
+        if not axis.twin.latched((counter - leg.start_steps) * leg.direction):
             name = axis.motor.name
-            raise StreamError(f"axis {name} was at step {home}, where its twins exclude it", name)
+            raise StreamError(f"axis {name} was at step {counter}, where its twins exclude it", name)
+        axis.doubt_steps = axis.twin.belief.deviation_steps(self.schedule.now_ns)

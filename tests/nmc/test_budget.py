@@ -31,3 +31,15 @@ def test_a_module_answers_within_half_a_millisecond_so_a_late_answer_tells_of_a_
     assert first == timing.command_ns(4)  # for certain: the host may have looked at its port late
     assert likely == first + 1_900_000 - 500_000  # section 3.1
     assert last == first + 1_900_000 + 250_000
+
+
+def test_what_is_read_was_read_between_command_and_answer() -> None:
+    timing = BusTiming.at(115200, jitter_max_ns=2_000_000)
+    sent_ns = 1_000_000
+    replied_ns = sent_ns + timing.command_ns(1) + 1_200_000 + timing.reply_ns(4)
+    window = timing.reading_window_ns(sent_ns, replied_ns, 1, 4)
+    assert window.earliest_ns == sent_ns + timing.command_ns(1)
+    assert window.latest_ns == window.earliest_ns + 1_200_000
+    assert window.likely_ns == window.latest_ns - timing.reply_delay_max_ns  # a module answers within 0.5 ms
+    early = timing.reading_window_ns(sent_ns, sent_ns + timing.command_ns(1), 1, 4)
+    assert early.earliest_ns == early.likely_ns == early.latest_ns
