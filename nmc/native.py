@@ -28,6 +28,8 @@ LIBRARY = "groupstart__kernels"
 """The extension module with the machine code."""
 OFFERED: list[tuple[str, str, Callable[..., Any]]] = []
 """Of the modules that are imported: name in the library, signature, function as it was written."""
+COMMON: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+"""numba's options for all: a division by zero is infinite, which costs no branch."""
 _copying: list[str] = []
 """Modules that are being imported a second time, for numba."""
 
@@ -81,7 +83,7 @@ def _by_numba(function: Callable[P, R], signature: str, inline: bool) -> Callabl
     from numba import njit
 
     options: dict[str, Any] = {"inline": "always"} if inline else {}
-    kernel: Callable[P, R] = njit(*([signature] if signature else []), cache=True, **options)(function)
+    kernel: Callable[P, R] = njit(*([signature] if signature else []), **COMMON, **options)(function)
     return kernel
 
 
