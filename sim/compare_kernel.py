@@ -13,23 +13,33 @@ F8 = npt.NDArray[np.float64]
 
 
 BLOCK = 8
-"""Segments that share one bounding box."""
+"""Segments that share one bounding box, and blocks that share one around theirs."""
 
 
 @native()
-def boxes(knots: F8) -> tuple[F8, F8]:
-    """Bounding boxes of runs of ``BLOCK`` segments: least and greatest corner, f8[blocks, A] each."""
+def boxes(knots: F8, size: int) -> tuple[F8, F8]:
+    """Bounding boxes of runs of ``size`` segments: least and greatest corner, f8[blocks, A] each."""
     segments, axes = len(knots) - 1, knots.shape[1]
-    count = (segments + BLOCK - 1) // BLOCK
+    count = (segments + size - 1) // size
     low, high = np.empty((count, axes)), np.empty((count, axes))
     for block in range(count):
-        first, last = block * BLOCK, min((block + 1) * BLOCK, segments)
+        first, last = block * size, min((block + 1) * size, segments)
         for a in range(axes):
             least, greatest = knots[first, a], knots[first, a]
             for i in range(first, last + 1):
                 least, greatest = min(least, knots[i, a]), max(greatest, knots[i, a])
             low[block, a], high[block, a] = least, greatest
     return low, high
+
+
+@native()
+def _off2(low: F8, high: F8, block: int, pins: F8, k: int) -> float:
+    """Distance squared of a pin position from a box."""
+    far = 0.0
+    for a in range(pins.shape[1]):
+        gap = max(low[block, a] - pins[k, a], pins[k, a] - high[block, a], 0.0)
+        far += gap * gap
+    return far
 
 
 @native("UniTuple(f8[::1], 2)(f8[::1], f8[:, ::1], i8[::1], i8[::1], f8[::1], f8[:, ::1])")
@@ -43,7 +53,8 @@ def distances(
     was nearest; runs of segments whose bounding box is further away than what was found are passed over.
     """
     count, axes = pins.shape
-    low, high = boxes(knots)
+    low, high = boxes(knots, BLOCK)
+    wide_low, wide_high = boxes(knots, BLOCK * BLOCK)
     distance, nearest_s = np.empty(count), np.empty(count)
     near = 0
     for k in range(count):
@@ -51,18 +62,15 @@ def distances(
         blocks_from, blocks_to = first[k] // BLOCK, (last[k] - 1) // BLOCK
         near = min(max(near, blocks_from), blocks_to)
         at_block = near
-        for turn in range(-1, blocks_to - blocks_from + 1):
-            block = near if turn < 0 else blocks_from + turn
-            if turn >= 0:
-                if block == near:
+        ahead = blocks_from - 1
+        while ahead <= blocks_to:
+            block = near if ahead < blocks_from else ahead
+            ahead += 1
+            if ahead > blocks_from:
+                if block % BLOCK == 0 and _off2(wide_low, wide_high, block // BLOCK, pins, k) > best:
+                    ahead = block + BLOCK
                     continue
-                far = 0.0
-                for a in range(axes):
-                    gap = max(low[block, a] - pins[k, a], pins[k, a] - high[block, a], 0.0)
-                    far += gap * gap
-                    if far > best:
-                        break
-                if far > best:
+                if block == near or _off2(low, high, block, pins, k) > best:
                     continue
             for i in range(max(block * BLOCK, first[k]), min((block + 1) * BLOCK, last[k])):
                 along, length2 = 0.0, 0.0
