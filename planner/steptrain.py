@@ -40,6 +40,8 @@ SHORT_CHUNK_S = 0.3
 """Chunk of a train that is cut while the machine moves: the first steps are wanted at once."""
 SETTLE_STEP_S = 1e-3
 """Steps that make up a difference to the plan are this far apart."""
+KEPT = 8
+"""Chunks of samples that wait for the axes that are not there yet: one that rests may be seconds ahead."""
 _TAIL = 2 * round(APEX_GAP_S / SAMPLE_S)
 """Samples of the past that an apex across a chunk's border may need."""
 
@@ -76,11 +78,31 @@ class Train(Protocol):
         """Take the next leg."""
 
 
+class Samples:
+    """Positions at the instants that the trains of a trajectory look at, taken once for all of them."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self._kept: dict[tuple[float, int], F8] = {}
+
+    def q(self, t_s: F8) -> F8:
+        """Positions f8[len(t), A]; of instants from the same one on, and as many, they are the same."""
+        key = (float(t_s[0]), len(t_s))
+        found = self._kept.get(key)
+        if found is None:
+            if len(self._kept) >= KEPT:
+                del self._kept[next(iter(self._kept))]
+            found = self.trajectory.q(t_s)
+            self._kept[key] = found
+        return found
+
+
 class StepTrain:
     """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk.
 
     from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step
     nearest to the plan; the difference is made up, or saved, on the way. chunk_s: how much is sampled at once.
+    samples: of the same trajectory, shared by trains that begin and are cut alike.
     """
 
     def __init__(
@@ -90,8 +112,10 @@ class StepTrain:
         from_s: float = 0.0,
         start_steps: int | None = None,
         chunk_s: float = CHUNK_S,
+        samples: Samples | None = None,
     ) -> None:
         self.motor = motor
+        self._sampled = samples or Samples(trajectory)
         self.trajectory = trajectory
         self.from_s = from_s
         self.chunk_s = chunk_s
@@ -147,11 +171,11 @@ class StepTrain:
         for first in range(0, total, size):
             t = np.minimum(self.from_s + np.arange(first, min(first + size, total) + 1) * SAMPLE_S, duration_s)
             few = np.append(t[:-1:COARSE], t[-1])
-            p = self.trajectory.q(few)[:, self.column] * self.motor.steps_per_unit
+            p = self._sampled.q(few)[:, self.column] * self.motor.steps_per_unit
             if np.floor(p.min() + 0.5 - REST_STEPS) == np.floor(p.max() + 0.5 + REST_STEPS):
                 yield few, p  # no step lies in here
                 continue
-            yield t, self.trajectory.q(t)[:, self.column] * self.motor.steps_per_unit
+            yield t, self._sampled.q(t)[:, self.column] * self.motor.steps_per_unit
 
     def _cut(self) -> Iterator[Leg]:
         position = self.start_steps

@@ -16,7 +16,7 @@ from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
 from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import NS_PER_S
-from planner.steptrain import StepTrain
+from planner.steptrain import Samples, StepTrain
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
@@ -209,7 +209,8 @@ def make_source(
         raise ValueError(f"profile {profile!r} is not offered ({', '.join(PROFILES)} are)")
     steppers = [motor for motor in motors if isinstance(motor, StepMotor)]
     servos = [motor for motor in motors if isinstance(motor, ServoMotor)]
-    trains = [StepTrain(trajectory, motor) for motor in steppers]
+    samples = Samples(trajectory)
+    trains = [StepTrain(trajectory, motor, samples=samples) for motor in steppers]
     if profile == "exact" and not servos:
         schedule: StepSchedule = ExactSchedule([PieceTrain(t) for t in trains], timing, motors[0].bus, start_ns)
         return StreamSource(trajectory, schedule, start_ns)
