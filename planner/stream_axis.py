@@ -220,6 +220,9 @@ class StepAxis:
         aim = max(aim, due + 1)
         period_ns = (leg.instants_ns[aim] + self.start_ns - next_ns) // (aim - due)
         even_ns = (leg.instants_ns[-1] + self.start_ns - next_ns) // (wanted - 1 - due)
+        near_ns = leg.gaps_ns[max(due - 1, 0)]
+        if int(near_ns / CATCH_UP) <= period_ns <= max(even_ns, int(near_ns * CATCH_UP)):
+            return period_ns  # most often one gap says already that neither bound is reached
         gaps = leg.gaps_ns[max(due - 1, 0) : aim + 1]
         period_ns = min(period_ns, max(even_ns, int(max(gaps) * CATCH_UP)))
         return max(period_ns, int(min(gaps) / CATCH_UP))
