@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+import click
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from machines.control import RateStatus
     from planner.stream import Progress as StreamProgress
 
@@ -19,30 +21,27 @@ class RunProgress:
     """Use as a context; call it with every progress of the stream."""
 
     def __init__(self, duration_s: float, last_line: int) -> None:
-        self._bar = Progress(
-            TextColumn("running"),
-            BarColumn(),
-            TextColumn("line {task.fields[line]} of " + str(last_line)),
-            TextColumn("{task.fields[left]} left"),
-            TextColumn("{task.fields[place]}"),
-            TextColumn("{task.fields[state]}"),
-            console=Console(stderr=True),
-            transient=True,
-        )
-        self._task = self._bar.add_task("run", total=max(duration_s, 1e-9), line=0, left="", place="", state="")
+        self._bar = bar(last_line) if sys.stderr.isatty() else None
+        if self._bar is not None:
+            self._task = self._bar.add_task("run", total=max(duration_s, 1e-9), line=0, left="", place="", state="")
 
     def __enter__(self) -> RunProgress:
-        self._bar.start()
+        if self._bar is not None:
+            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        if self._bar is not None:
+            self._bar.stop()
 
     @contextmanager
     def aside(self) -> Iterator[None]:
         """Take the bar off the screen while something else is said there."""
+        if self._bar is None:
+            yield
+            return
         self._bar.stop()
         try:
             yield
@@ -51,6 +50,8 @@ class RunProgress:
 
     def __call__(self, progress: StreamProgress) -> None:
         """Show where the stream is."""
+        if self._bar is None:
+            return
         place = " ".join(f"{axis}{value:.2f}" for axis, value in progress.position.items())
         left = minutes(max(progress.duration_s - progress.time_s, 0.0))
         total = max(progress.duration_s, 1e-9)
@@ -58,11 +59,32 @@ class RunProgress:
 
     def say(self, words: str) -> None:
         """A line above the bar."""
-        self._bar.console.print(words, highlight=False)
+        if self._bar is None:
+            click.echo(words, err=True)
+        else:
+            self._bar.console.print(words, highlight=False)
 
     def show(self, status: RateStatus) -> None:
         """Show whether the machine is held, and overrides."""
-        self._bar.update(self._task, state=rate_words(status))
+        if self._bar is not None:
+            self._bar.update(self._task, state=rate_words(status))
+
+
+def bar(last_line: int) -> Progress:
+    """An empty bar on stderr."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    return Progress(
+        TextColumn("running"),
+        BarColumn(),
+        TextColumn("line {task.fields[line]} of " + str(last_line)),
+        TextColumn("{task.fields[left]} left"),
+        TextColumn("{task.fields[place]}"),
+        TextColumn("{task.fields[state]}"),
+        console=Console(stderr=True),
+        transient=True,
+    )
 
 
 def rate_words(status: RateStatus) -> str:
