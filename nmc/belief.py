@@ -14,14 +14,14 @@ The bounding twins, which keep the machine safe, do not depend on any of this.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, mean, spread, step_spread, weigh
 from nmc.budget import Window
 
 PPM = 1e-6
+FAR_STEPS = 2.0
+"""If the distances without and with a load sum up to more, what it mends counts for more in proportion."""
 
 
 class Belief:
@@ -90,13 +90,12 @@ class Belief:
     def mends_steps(self, execute_ns: int, width_ns: int, target_ns: int, wanted: float, period_ns: int) -> float:
         """What a load would mend at ``target_ns``, where ``wanted`` steps should be to go; negative if it would harm.
 
-        It is the root of what the mean square distance becomes less: an axis that is far off and can be brought nearer
-        only slowly comes before one that a load would put right by as many steps. The load would be executed within
+        In steps, but more than that for what is far off before and after: an axis that can be brought nearer only
+        slowly must not wait for others that a load would put right by as many steps. The load would be executed within
         ``width_ns`` around ``execute_ns`` and give it ``period_ns``. See ``nmc.belief_kernel.errors`` for what counts.
         """
         without, with_load = errors(self._chips, execute_ns, width_ns, target_ns, wanted, period_ns)
-        gain = without * without - with_load * with_load
-        return float(math.copysign(math.sqrt(abs(gain)), gain))
+        return float((without - with_load) * max(1.0, (without + with_load) / FAR_STEPS))
 
     def _turn(self) -> int:
         self._multiplier = self._multiplier * ROOT % CHIPS

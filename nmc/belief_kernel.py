@@ -35,7 +35,7 @@ STIR = 0.4
 that their crystals are drawn to the mean (Liu and West, Combined parameter and state estimation in simulation-based
 filtering, 2001: 1 - SHRINK^2 is nearly STIR^2)."""
 STIR_MAX_NS, LEAST_RATE = 20_000.0, 1e-7
-RISK = 0.3
+RISK = 0.5
 """What the worst case counts beside the mean."""
 SMALL_STEPS = 1.0
 """No load is too risky that leaves every chip within this."""

@@ -5,7 +5,7 @@ can happen by construction. A load of a PIC-STEP acts at the next roll-over only
 matters little and the period it carries is chosen for what comes after that roll-over.
 
                  X      Y   X      Z        X    Y              a load is worth its bus time only if it brings the
-    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        axis a third of a micrometre nearer; if none
+    bus   ...--[##]---[##][##]---[##]-----[##]-[##]--...        axis a fifth of a micrometre nearer; if none
                                                                 does, the bus waits until one will
 """
 
@@ -23,7 +23,7 @@ from planner.stream_lane import Lane, StepLane, Turn
 from planner.stream_servo import VELOCITY_BYTES, ServoLane, SmoothLane, StopHereLane
 from planner.types import Trajectory
 
-WORTH_UM = 0.3
+WORTH_UM = 0.2
 """A load is sent only if it mends at least this much."""
 ALARMING_UM = 5.0
 """A load that mends this much comes before a counter that is due to be read."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nmc.belief import Belief
+from nmc.belief import FAR_STEPS, Belief
 from nmc.belief_kernel import CHIPS, ROOT
 from nmc.budget import Window
 
@@ -109,10 +109,12 @@ def test_a_load_is_worth_what_it_mends_less_what_it_risks() -> None:
     belief.start(at(0), 4_000_000, 100)
     # At 20 ms 89 steps should be left, three more than by going on: 1 ms steps from the roll-over at 16 ms on do it.
     safe = belief.mends_steps(14_000_000, 250_000, 20_000_000, 92.0, 1_000_000)
-    assert safe == pytest.approx(3.0, abs=0.05)
+    assert safe == pytest.approx(3.0 * 3.0 / FAR_STEPS, abs=0.05)
     risky = belief.mends_steps(16_000_000, 250_000, 20_000_000, 92.0, 1_000_000)
-    # half of the chips would be three steps off as before: the mean square becomes 4.5 less than 9
-    assert risky == pytest.approx(3.0 / 2**0.5, abs=0.05)
+    left = 3.0 / 2**0.5  # rms if half of the chips are three steps off as before
+    assert risky == pytest.approx((3.0 - left) * (3.0 + left) / FAR_STEPS, abs=0.05)
+    little = belief.mends_steps(14_000_000, 250_000, 20_000_000, 94.0, 2_000_000)
+    assert little == pytest.approx(1.0, abs=0.05)  # from 1 to 0: small things count as they are
     late = belief.mends_steps(20_500_000, 250_000, 20_000_000, 92.0, 1_000_000)
     assert late == pytest.approx(0.0, abs=1e-9)
 
