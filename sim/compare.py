@@ -21,6 +21,8 @@ MOVING_UNITS_S = 0.5
 """Lag is counted only where the plan moves faster than this; at rest every instant is as near as any other."""
 FOLLOW_AHEAD_MM = 0.5
 LOST_MM = 0.1
+END_ROWS = 4096
+"""Pins that are looked at together, from the end back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +126,9 @@ def compare_pins(
 
 def _window(time_s: F8, knots_s: F8) -> tuple[I8, I8]:
     """Of every instant the knots at which its window of the plan begins and ends; found once, for they are many."""
-    return np.searchsorted(knots_s, time_s - WINDOW_S), np.searchsorted(knots_s, time_s + WINDOW_S)
+    from sim.compare_kernel import places
+
+    return places(knots_s, time_s - WINDOW_S), places(knots_s, time_s + WINDOW_S)
 
 
 def _distance(position: F8, time_s: F8, window: tuple[I8, I8], knots_s: F8, knots: F8) -> tuple[F8, F8]:
@@ -153,9 +157,11 @@ def _program_error(position: F8, time_s: F8, window: tuple[I8, I8], reference: R
 
 
 def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:
+    from sim.compare_kernel import places
+
     span = np.maximum(np.diff(reference.t_s), 1e-12)
     speed = np.linalg.norm(np.diff(reference.q, axis=0), axis=1) / span
-    at = np.clip(np.searchsorted(reference.t_s, time_s) - 1, 0, len(speed) - 1)
+    at = np.clip(places(reference.t_s, time_s) - 1, 0, len(speed) - 1)
     result: npt.NDArray[np.bool_] = speed[at] > MOVING_UNITS_S
     return result
 
@@ -163,9 +169,20 @@ def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:
 def _sim_time(out: Pins, time_s: F8, reference: Reference, knots: F8) -> float:
     """Until the pins stand, plus the rest that the plan prescribes after its own last step."""
     planned_last = _last_step_s(reference.t_s, knots)
-    short = np.flatnonzero(np.any(np.rint(out.position) != np.rint(out.position[-1]), axis=1))
-    stands = time_s[min(short[-1] + 1, len(time_s) - 1)] if len(short) else time_s[0]
+    stands = time_s[min(_last_elsewhere(out.position) + 1, len(time_s) - 1)]
     return float(stands + reference.t_s[-1] - planned_last)
+
+
+def _last_elsewhere(position: F8) -> int:
+    """Number of the last row that is not yet at the end, to the step; -1 if all are. Looked for from the end."""
+    end = len(position)
+    while end:
+        begin = max(end - END_ROWS, 0)
+        short = np.flatnonzero(np.any(np.rint(position[begin:end]) != np.rint(position[-1]), axis=1))
+        if len(short):
+            return begin + int(short[-1])
+        end = begin
+    return -1
 
 
 def _last_step_s(t_s: F8, knots: F8) -> float:

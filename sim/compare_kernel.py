@@ -16,6 +16,20 @@ BLOCK = 8
 """Segments that share one bounding box, and blocks that share one around theirs."""
 
 
+@native("i8[::1](f8[::1], f8[::1])")
+def places(knots_s: F8, time_s: F8) -> npt.NDArray[np.int64]:
+    """Before which of ``knots_s`` each of the times would be put, both ascending: a walk instead of a search each."""
+    found = np.empty(len(time_s), np.int64)
+    at = 0
+    for k in range(len(time_s)):
+        while at > 0 and knots_s[at - 1] >= time_s[k]:
+            at -= 1
+        while at < len(knots_s) and knots_s[at] < time_s[k]:
+            at += 1
+        found[k] = at
+    return found
+
+
 @native()
 def boxes(knots: F8, size: int) -> tuple[F8, F8]:
     """Bounding boxes of runs of ``size`` segments: least and greatest corner, f8[blocks, A] each."""
@@ -33,13 +47,44 @@ def boxes(knots: F8, size: int) -> tuple[F8, F8]:
 
 
 @native()
-def _off2(low: F8, high: F8, block: int, pins: F8, k: int) -> float:
-    """Distance squared of a pin position from a box."""
+def _beyond(low: F8, high: F8, block: int, pins: F8, k: int, bound: float) -> bool:
+    """Whether a pin position is further from a box than the root of ``bound``."""
     far = 0.0
     for a in range(pins.shape[1]):
         gap = max(low[block, a] - pins[k, a], pins[k, a] - high[block, a], 0.0)
         far += gap * gap
-    return far
+        if far > bound:
+            return True
+    return False
+
+
+@native()
+def _segment(pins: F8, k: int, knots: F8, i: int) -> tuple[float, float]:
+    """Distance squared of a pin position from a segment, and where on it the nearest point is, 0..1."""
+    along, length2 = 0.0, 0.0
+    for a in range(pins.shape[1]):
+        edge = knots[i + 1, a] - knots[i, a]
+        along += (pins[k, a] - knots[i, a]) * edge
+        length2 += edge * edge
+    u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
+    d2 = 0.0
+    for a in range(pins.shape[1]):
+        gap = pins[k, a] - knots[i, a] - u * (knots[i + 1, a] - knots[i, a])
+        d2 += gap * gap
+    return d2, u
+
+
+@native()
+def _aside(pins: F8, k: int, knots: F8, i: int, bound: float) -> bool:
+    """Whether a pin position is further from a segment's own box than the root of ``bound``."""
+    far = 0.0
+    for a in range(pins.shape[1]):
+        one, other = knots[i, a], knots[i + 1, a]
+        gap = max(min(one, other) - pins[k, a], pins[k, a] - max(one, other), 0.0)
+        far += gap * gap
+        if far > bound:
+            return True
+    return False
 
 
 @native("UniTuple(f8[::1], 2)(f8[::1], f8[:, ::1], i8[::1], i8[::1], f8[::1], f8[:, ::1])")
@@ -50,43 +95,37 @@ def distances(
 
     time_s f8[K], pins f8[K, A], knots_s f8[N], knots f8[N, A]; returns distance f8[K] in the units of the coordinates
     and the time f8[K] of the nearest point (the nearest in time among equals). The search begins where the last pin
-    was nearest; runs of segments whose bounding box is further away than what was found are passed over.
+    was nearest: its distance from that segment is a bound, and what lies in boxes beyond it is passed over.
     """
-    count, axes = pins.shape
+    count = len(pins)
     low, high = boxes(knots, BLOCK)
     wide_low, wide_high = boxes(knots, BLOCK * BLOCK)
     distance, nearest_s = np.empty(count), np.empty(count)
     near = 0
     for k in range(count):
         best, best_s = math.inf, time_s[k]
+        near = min(max(near, first[k]), last[k] - 1)
+        bound, _ = _segment(pins, k, knots, near)
         blocks_from, blocks_to = first[k] // BLOCK, (last[k] - 1) // BLOCK
-        near = min(max(near, blocks_from), blocks_to)
-        at_block = near
-        ahead = blocks_from - 1
+        at, near_block, ahead = near, near // BLOCK, blocks_from - 1
         while ahead <= blocks_to:
-            block = near if ahead < blocks_from else ahead
+            block = near_block if ahead < blocks_from else ahead
             ahead += 1
             if ahead > blocks_from:
-                if block % BLOCK == 0 and _off2(wide_low, wide_high, block // BLOCK, pins, k) > best:
+                if block % BLOCK == 0 and _beyond(wide_low, wide_high, block // BLOCK, pins, k, bound):
                     ahead = block + BLOCK
                     continue
-                if block == near or _off2(low, high, block, pins, k) > best:
+                if block == near_block or _beyond(low, high, block, pins, k, bound):
                     continue
             for i in range(max(block * BLOCK, first[k]), min((block + 1) * BLOCK, last[k])):
-                along, length2 = 0.0, 0.0
-                for a in range(axes):
-                    edge = knots[i + 1, a] - knots[i, a]
-                    along += (pins[k, a] - knots[i, a]) * edge
-                    length2 += edge * edge
-                u = 0.0 if length2 == 0.0 else min(max(along / length2, 0.0), 1.0)
-                d2 = 0.0
-                for a in range(axes):
-                    gap = pins[k, a] - knots[i, a] - u * (knots[i + 1, a] - knots[i, a])
-                    d2 += gap * gap
+                if _aside(pins, k, knots, i, bound):
+                    continue
+                d2, u = _segment(pins, k, knots, i)
                 at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
                 if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
-                    best, best_s, at_block = d2, at_s, block
-        near = at_block
+                    best, best_s, at = d2, at_s, i
+                    bound = min(bound, best)
+        near = at
         distance[k] = math.sqrt(best)
         nearest_s[k] = best_s
     return distance, nearest_s
