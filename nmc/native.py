@@ -59,6 +59,11 @@ def native(
     return made
 
 
+def at_hand() -> bool:
+    """Kernels come from the library: calling one costs neither an import nor time to compile."""
+    return _library() is not None
+
+
 def name_of(function: Callable[..., Any]) -> str:
     """Of a kernel in the library."""
     return f"{function.__module__}.{function.__name__}".replace(".", "_")

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nmc.native import at_hand
 from planner.timing import Pieces
 from planner.types import F8, I4, Event, Index, Intervals
 
 WALK_FROM = 20_000
-"""samples from which the compiled walk is worth its import."""
+"""Samples from which the compiled walk is worth its import; it says the same to the last bit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class PathTrajectory:
         """Positions f8[len(t), A], mm or degrees, machine frame."""
         t = _times(t_s)
         p = self.intervals
-        if len(t) >= WALK_FROM:
+        if len(t) >= WALK_FROM or at_hand():
             from planner.walk import sample_q
 
             return np.asarray(sample_q(t, self.begin_s, *self._columns()))
