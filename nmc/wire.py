@@ -52,7 +52,7 @@ def pack(address: int, command: int, data: bytes = b"") -> bytes:
             f"address {address}, command {command} or {len(data)} data bytes do not fit a packet", rule="section 3.1"
         )
     head = len(data) << 4 | command
-    return bytes((HEADER, address, head, *data, (address + head + sum(data)) & 0xFF))
+    return bytes((HEADER, address, head)) + data + bytes(((address + head + sum(data)) & 0xFF,))
 
 
 def unpack_reply(raw: bytes, extra_bytes: int) -> Reply | None:

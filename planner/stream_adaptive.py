@@ -159,8 +159,12 @@ class AdaptiveSchedule(StepSchedule):
         return int(HORIZON * self.exchange_ns * max(self.moving, 1)) + self.exchange_ns
 
     def _next_appointment(self, horizon_ns: int) -> tuple[int, Lane] | None:
-        dates = [(at_ns, lane) for lane in self.lanes if (at_ns := lane.appointment_ns(horizon_ns)) is not None]
-        return min(dates, key=lambda date: date[0], default=None)
+        first: tuple[int, Lane] | None = None
+        for lane in self.lanes:
+            at_ns = lane.appointment_ns(horizon_ns)
+            if at_ns is not None and (first is None or at_ns < first[0]):
+                first = at_ns, lane
+        return first
 
     def _most_urgent(self, turn: Turn) -> tuple[Lane | None, float]:
         """The lane for which a load mends most, if it mends enough, and how much."""

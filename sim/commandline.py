@@ -128,9 +128,10 @@ class CommandLine:
         data = segment.data
         if self._sniff is not None:
             self._sniff(segment.arrivals, data)
-        good = (sum(data[1:-1]) & 0xFF) == data[-1]
-        address, command = data[1], data[2]
-        payload = bytes(data[3:-1])
+        packet = data if isinstance(data, bytes) else bytes(data)
+        good = (sum(packet) - packet[0] - packet[-1]) & 0xFF == packet[-1]
+        address, command = packet[1], packet[2]
+        payload = packet[3:-1]
         for module in [m for m in self._listeners if m.alive and m.matches(address, command)]:
             module.hear_packet(address, command, payload, good)
         if self._queue:

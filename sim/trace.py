@@ -114,7 +114,10 @@ class BusLog:
     def host(self, times_ns: Sequence[int], values: Sequence[int]) -> None:
         """Bytes have reached the modules."""
         self.host_ns.extend(times_ns)
-        self.host_byte.extend(values)
+        if isinstance(values, bytes):
+            self.host_byte.frombytes(values)
+        else:
+            self.host_byte.extend(values)
         if len(self.host_ns) >= LIMIT:
             self._columns[0].settle()
             self._columns[1].settle()
