@@ -97,7 +97,7 @@ class StreamSource:
     def resume(self) -> None:
         """Go on after a hold, from where the axes were read to be."""
         schedule, trajectory = self.rate_control()
-        trajectory.resume(self._sent_s())
+        trajectory.resume(self._sent_s() + schedule.departure_ns() / NS_PER_S)
         schedule.retime(self.trajectory, None)
 
     def override(self, rate: Rate) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from nmc.budget import BusTiming
 from nmc.program import Exchange
 from planner.stream_axis import StepAxis
-from planner.stream_base import COUNT_BYTES, NO_OPERATION, StepSchedule, Stream
+from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, StepSchedule, Stream
 from planner.stream_feedback import Feedback
 from planner.stream_hold import Hold
 from planner.stream_lane import Lane, StepLane, Turn
@@ -106,6 +106,15 @@ class AdaptiveSchedule(StepSchedule):
         """The trajectory has new times after what was sent. rest_ns: when a hold comes to rest, None without one."""
         self.hold = None if rest_ns is None else Hold(rest_ns)
         self._new_times = trajectory
+
+    def departure_ns(self) -> int:
+        """What has to be waited for and said, at worst, before a held machine sets out again.
+
+        That is the end of an idle moment, then Stop Motor, group and load of each stepper, and the Start.
+        """
+        timing = self.timing
+        said_ns = timing.worst_ns(1) + timing.worst_ns(2) + timing.worst_ns(LEG_BYTES)
+        return IDLE_NS + len(self.axes) * said_ns + timing.worst_ns(0)
 
     def _take_new_times(self) -> None:
         """Between two things said: a leg that is loaded but not started must not lose its place."""

@@ -136,7 +136,8 @@ class BusStreams:
     def resume(self) -> None:
         """Go on after a hold, from where the axes were read to be."""
         controls = [stream.rate_control() for stream in self.streams]
-        controls[0][1].resume(self._sent_s())
+        departure_ns = max(schedule.departure_ns() for schedule, _ in controls)
+        controls[0][1].resume(self._sent_s() + departure_ns / NS_PER_S)
         for schedule, _ in controls:
             schedule.retime(self.trajectory, None)
         self.recall()

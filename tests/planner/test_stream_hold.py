@@ -17,8 +17,8 @@ from planner.types import Limits
 PATHS = {
     "circle 50 mm at 20": (lambda: circle(25.0, 20.0), 20.0, 4.5),
     "circle 50 mm at 60": (lambda: circle(25.0, 60.0), 60.0, 4.5),
-    "random at 20": (lambda: random_path(1, 20.0, duration_s=3.0), 20.0, 3.0),
-    "random at 60": (lambda: random_path(2, 60.0, duration_s=3.0), 60.0, 4.5),
+    "random at 20": (lambda: random_path(1, 20.0, duration_s=3.0), 20.0, 2.5),
+    "random at 60": (lambda: random_path(2, 60.0, duration_s=3.0), 60.0, 2.5),
 }
 
 
@@ -65,7 +65,7 @@ def test_overrides_of_a_running_stream_end_exact(jitter_ms: float) -> None:
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
     if not jitter_ms:
-        assert outcome.contour.contour_steps.max <= 3.0
+        assert outcome.contour.contour_steps.max <= 2.5
 
 
 def test_a_program_planned_while_it_runs_is_held_resumed_and_overridden() -> None:
@@ -85,7 +85,7 @@ def test_a_stream_in_slices_is_held_by_single_loads(seed: int) -> None:
     outcome = stream(path, Conditions(jitter_ms=0.2, seed=seed), "group", [0.7], [(1.8, 0.4), (2.4, 1.0)])
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
-    assert outcome.contour.contour_steps.max <= 5.5  # the slices before the hold alone take 4.9
+    assert outcome.contour.contour_steps.max <= 4.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -96,3 +96,14 @@ def test_a_stream_of_short_moves_is_held_between_them(seed: int) -> None:
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
     assert outcome.contour.contour_steps.max <= 2.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_first_steps_after_a_resume_are_on_time(seed: int) -> None:
+    # With delays of 2 ms a departure takes up to 40 ms; a plan that moved before that was seven steps ahead.
+    outcome = stream(
+        Warped(random_path(seed, 20.0, duration_s=2.0), 20.0), Conditions(2.0, seed=seed), "adaptive", [1.0]
+    )
+    assert outcome.contour.contour_steps.max <= 5.0
+    assert set(outcome.contour.end_error_steps.values()) == {0}
+    assert outcome.violations == {}
