@@ -40,7 +40,6 @@ NS_PER_MS = 1_000_000
 STEADY_POLL_NS = 10_000_000
 STEADY_FOR_NS = 300_000_000
 STEADY_WITHIN_NS = 3_000_000_000
-WATCHDOG_WITHIN_NS = 3_000_000_000
 
 
 @dataclass(slots=True)
@@ -158,15 +157,16 @@ def _watch(link: Link, bus: Bus, table: BusTable, switches: Sequence[Switch]) ->
     """Tell the watchdog of a port what it must stop and switch off if this program dies."""
     from nmc.watchdog import Ward
 
-    supervised = _supervised(link)
-    if supervised is not None:
+    guarded = supervised(link)
+    if guarded is not None:
         wards = [Ward(each.address, each.facts.name) for each in bus.guard.modules.values() if has_motor(each)]
         timeout_ns = round(table.watchdog_ms * NS_PER_MS)
         groups = (STREAMING_GROUP, PARKED_GROUP)
-        supervised.watch(wards, groups, baud=table.baud, timeout_ns=timeout_ns, switches=switches)
+        guarded.watch(wards, groups, baud=table.baud, timeout_ns=timeout_ns, switches=switches)
 
 
-def _supervised(link: Link) -> SupervisedLink | None:
+def supervised(link: Link) -> SupervisedLink | None:
+    """The link of a port that has a watchdog, whatever is around it."""
     inner = link.inner if isinstance(link, RecordingLink) else link
     return inner if hasattr(inner, "arm") else None  # type: ignore[return-value]  # only a SupervisedLink can be armed
 
@@ -174,7 +174,7 @@ def _supervised(link: Link) -> SupervisedLink | None:
 @contextmanager
 def armed(connection: Connection) -> Iterator[None]:
     """While something moves, the watchdogs of the ports stop it if this program dies or hangs."""
-    guards = [guard for link in connection.links if (guard := _supervised(link)) is not None]
+    guards = [guard for link in connection.links if (guard := supervised(link)) is not None]
     for guard in guards:
         guard.arm()
     try:
@@ -182,18 +182,6 @@ def armed(connection: Connection) -> Iterator[None]:
     finally:
         for guard in guards:
             guard.disarm()
-
-
-def watchdogs_stand(connection: Connection) -> bool:
-    """Whether the watchdogs have taken every bus and hear that everybody stands; waits while they are at it."""
-    guards = [guard for link in connection.links if (guard := _supervised(link)) is not None]
-    clock = connection.links[0]
-    until_ns = clock.now_ns() + WATCHDOG_WITHIN_NS
-    if len(guards) < len(connection.links) or not all(guard.fenced for guard in guards):
-        return False
-    while not all(guard.standing for guard in guards) and clock.now_ns() < until_ns:
-        clock.sleep_until(clock.now_ns() + STEADY_POLL_NS)
-    return all(guard.standing for guard in guards)
 
 
 def set_step_parameters(stepper: PicStep, table: StepMotorTable, mode: str) -> None:

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from machines import bringup
+from machines.aftermath import told_of
 from machines.bringup import Connection
 from machines.control import Control
 from machines.crystals import calibrated
@@ -271,9 +272,7 @@ class Session:
             rounds = bringup.stop_everything(self.connection)
         except NmcError as error:
             self.state = State.FAULTED
-            if bringup.watchdogs_stand(self.connection):
-                raise SessionError("the watchdog has stopped every motor; where they stand is not known") from error
-            raise SessionError(f"MOTORS MAY STILL BE MOVING, use the emergency stop: {error}") from error
+            raise SessionError(told_of(self.connection, error)) from error
         return rounds, self._positions()
 
     def close(self) -> None:

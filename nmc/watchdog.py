@@ -15,7 +15,7 @@ Replies may have any length (the host's status items are unknown here): what cou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -118,6 +118,11 @@ class Watchdog:
     def fenced(self) -> bool:
         """The bus belongs to the watchdog; the host must not send."""
         return self.phase in (Phase.SETTLING, Phase.STOPPING, Phase.STANDING)
+
+    @property
+    def motors_stand(self) -> bool:
+        """The bus was taken and every ward has said that it stands; outputs may still be on."""
+        return self.phase in (Phase.STOPPING, Phase.STANDING) and not self._left
 
     @property
     def reaction_ns(self) -> int:
@@ -233,10 +238,13 @@ def _is_good(received: bytes) -> bool:
     return len(received) >= 2 and checksum(received[:-1]) == received[-1] and not received[0] & STATUS_COMM_ERROR
 
 
-def patrol(watchdog: Watchdog, link: Link, *, rounds: int | None = None) -> None:
+def patrol(
+    watchdog: Watchdog, link: Link, *, rounds: int | None = None, told: Callable[[], None] = lambda: None
+) -> None:
     """Carry the take-over through on a link: from expiry until everybody stands.
 
     rounds: give up after so many and raise NmcError (modules that are gone never answer); None: never.
+    told: called after every answer, to pass on what is known then.
     """
     while watchdog.fenced and watchdog.phase is not Phase.STANDING:
         if rounds is not None and watchdog.rounds > rounds:
@@ -246,6 +254,7 @@ def patrol(watchdog: Watchdog, link: Link, *, rounds: int | None = None) -> None
         link.write(data)
         link.sleep_until(watchdog.listen_until_ns)
         watchdog.heard(link.read(REPLY_MAX_BYTES * 2, link.now_ns()))
+        told()
 
 
 class GuardedLink:

@@ -3,7 +3,7 @@
     host process                              child process
     SupervisedLink --- bytes --> port <-- (only after expiry) --- patrol
           |                                        ^
-          +--- heartbeat, armed, fenced in 4 shared words ---+
+          +- heartbeat, armed, fenced, ... in shared words --+
 
 The heartbeat is a time in shared memory, written at every call of the link. Fencing is exact: the host looks at the
 fence and hands its bytes over under one lock, and the child takes that lock before it raises the fence. A killed host
@@ -33,12 +33,12 @@ PERIOD_NS = 2_000_000
 LOCK_PATIENCE_NS = 20_000_000
 PORT_LATENCY_NS = 20_000_000
 """An answer over a USB adapter may come this late (16 ms latency timer)."""
-_WORDS_BYTES = 32
-_BEAT, _ARMED, _FENCED, _STANDING = range(4)
+WORDS_BYTES = 40
+_BEAT, _ARMED, _FENCED, _MOTORS_STAND, _STANDING = range(5)
 
 
 class SharedWords:
-    """Four 64-bit words between two processes, and a lock that a dead process loses.
+    """64-bit words between two processes, and a lock that a dead process loses.
 
     A word is aligned and copied as one machine word, so the other process never sees half of it. (``struct`` would
     clear it first: a child that looks just then sees a heartbeat of the year zero and stops a healthy machine.)
@@ -46,7 +46,7 @@ class SharedWords:
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
-        self._memory = mmap.mmap(descriptor, _WORDS_BYTES)
+        self._memory = mmap.mmap(descriptor, WORDS_BYTES)
         self._words = memoryview(self._memory).cast("q")
 
     def get(self, word: int) -> int:
@@ -94,7 +94,7 @@ class SupervisedLink:
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         self._link = SerialLink(port, baud)
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the link
-        self._file.truncate(_WORDS_BYTES)
+        self._file.truncate(WORDS_BYTES)
         self._words = SharedWords(self._file.fileno())
         self._child: subprocess.Popen[bytes] | None = None
         self._armed = False
@@ -162,8 +162,13 @@ class SupervisedLink:
         return bool(self._words.get(_FENCED))
 
     @property
+    def motors_stand(self) -> bool:
+        """The watchdog has taken the bus and every motor has said that it stands."""
+        return bool(self._words.get(_MOTORS_STAND))
+
+    @property
     def standing(self) -> bool:
-        """The watchdog has taken the bus and every module has said that it stands."""
+        """The watchdog has taken the bus, every motor has said that it stands, and what it switches off is off."""
         return bool(self._words.get(_STANDING))
 
     def now_ns(self) -> int:
@@ -252,7 +257,7 @@ def main() -> None:
     print("ready", flush=True)
     if _watch(dog, link, words):
         _fence(link, words)
-        patrol(dog, link)
+        patrol(dog, link, told=lambda: words.put(_MOTORS_STAND, dog.motors_stand))
         words.put(_STANDING, 1)
         while select.select([sys.stdin], [], [], None)[0] and os.read(sys.stdin.fileno(), 1):
             pass

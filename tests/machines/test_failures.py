@@ -73,6 +73,10 @@ class Supervised(GuardedLink):
         return self.watchdog.fenced
 
     @property
+    def motors_stand(self) -> bool:
+        return self.watchdog.motors_stand
+
+    @property
     def standing(self) -> bool:
         return self.watchdog.phase is Phase.STANDING
 

@@ -4,11 +4,11 @@ import subprocess
 import sys
 import tempfile
 
-from nmc.watchdog_process import SharedWords
+from nmc.watchdog_process import WORDS_BYTES, SharedWords
 
 WRITER = """
 import select, sys
-from nmc.watchdog_process import SharedWords
+from nmc.watchdog_process import WORDS_BYTES, SharedWords
 words = SharedWords(int(sys.argv[1]))
 words.put(3, 1)
 while not select.select([sys.stdin], [], [], 0)[0]:
@@ -20,7 +20,7 @@ while not select.select([sys.stdin], [], [], 0)[0]:
 
 def test_no_reader_ever_sees_half_a_word() -> None:
     with tempfile.TemporaryFile() as file:
-        file.truncate(32)
+        file.truncate(WORDS_BYTES)
         words = SharedWords(file.fileno())
         words.put(0, 0x0123456789ABCDEF)
         writer = subprocess.Popen(
