@@ -1,12 +1,16 @@
 """The host dies in the middle of a stream: how far the machine runs on, how far it leaves the path, and where it ends.
 
-    PYTHONPATH=. python -m benchmarks.hostdeath [--instants 20] [--only circle]
+    PYTHONPATH=. python -m benchmarks.hostdeath [--instants 20] [--only circle] [--seen]
 
 Each run is killed at a random instant and byte of a packet, or right behind a Set Address. The watchdog's stop leaves
-50 ms after the last byte. A chip goes on with its last rate, so off the path it may be hypot(R, v t) - R for a local
-radius R and a speed v, and run on v t. Allowed beside: two steps (or what the profile's commands are off anyway); where
-the path speeds up or slows down, what one axis's rate is older than another's, for each has a load of its own; and what
-one tick of the step timer makes in that time, for a rate between two counts is made of both in turn.
+50 ms after the last byte, as for a host that hangs; --seen: the end of the process is seen, as it is when the pipe to
+the watchdog process closes, and the take-over begins 2 ms after the last byte.
+
+A chip goes on with its last rate, so off the path it may be hypot(R, v t) - R for a local radius R and a speed v, and
+run on v t. Allowed beside: two steps (or what the profile's commands are off anyway); where the path speeds up or slows
+down, what one axis's rate is older than another's, for each has a load of its own; and what one tick of the step timer
+makes in that time, for a rate between two counts is made of both in turn. What is more than the radius term alone, of
+the path from the death on, is printed as "beyond".
 With the watchdog dead as well a PIC-STEP still stops on the stop position that it holds, and a Stop Here stream stands.
 """
 
@@ -35,6 +39,8 @@ from sim.build import Simulation
 F8 = npt.NDArray[np.float64]
 TIMEOUT_NS = 50_000_000
 EXCHANGE_NS = 1_500_000
+SEEN_NS = 2_000_000
+"""A watchdog process notices the end of its host within this (``nmc.watchdog_process.PERIOD_NS``), if not at once."""
 GROUPS = (0x81, 0x82)
 SET_ADDRESS = 0x1
 AFTERWARDS_NS = 300_000_000
@@ -84,9 +90,10 @@ class MortalLink:
 
 @dataclass(frozen=True)
 class Death:
-    """What came of one death. Lengths mm, times ms; worst_share: largest share of the bound that was used."""
+    """What came of one death. Lengths mm, times ms; beyond_mm: off the path by more than the radius term alone."""
 
     off_mm: float
+    beyond_mm: float
     off_bound_mm: float
     run_on_mm: float
     run_on_bound_mm: float
@@ -112,6 +119,7 @@ class Case:
     last_bytes: int = 5
     behind_set_address: bool = False
     watchdog: bool = True
+    seen: bool = False
 
 
 def die(case: Case) -> Death | None:
@@ -140,19 +148,24 @@ def die(case: Case) -> Death | None:
         dog = Watchdog(wards, GROUPS, baud=115200, timeout_ns=TIMEOUT_NS, latency_ns=1_000_000)
         dog.arm(mortal.last_call_ns)
         assert dog.due_ns is not None
-        link.sleep_until(dog.due_ns)
-        dog.check(link.now_ns())
+        begins_ns = mortal.last_call_ns + SEEN_NS if case.seen else dog.due_ns
+        within_ns = begins_ns - mortal.last_call_ns + dog.timeout_ns - dog.reaction_ns
+        link.sleep_until(begins_ns)
+        dog.trip(link.now_ns())
         patrol(dog, link, rounds=20)
         stands = dog.phase is Phase.STANDING
     else:
-        stands = True
+        stands, within_ns = True, TIMEOUT_NS
     world = simulation.world
     world.run_until(world.now_ns + (AFTERWARDS_NS if case.watchdog else RUN_OUT_NS))
     scale = np.array([m.counts_per_unit if isinstance(m, ServoMotor) else m.steps_per_unit for m in motors])
-    return _judged(case, simulation, scale, start_ns, mortal.last_call_ns, stands)
+    return _judged(case, simulation, scale, start_ns, mortal.last_call_ns, within_ns, stands)
 
 
-def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_ns: int, stands: bool) -> Death:
+def _judged(
+    case: Case, simulation: Simulation, scale: F8, start_ns: int, died_ns: int, within_ns: int, stands: bool
+) -> Death:
+    """within_ns: from the last byte to the last group's Stop Motor."""
     path = case.path
     out = pins_of(simulation.trace())
     after = int(np.searchsorted(out.time_ns, died_ns))
@@ -162,8 +175,8 @@ def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_n
     last_ns = float(time_ns[changes[-1] + 1]) if len(changes) else float(died_ns)
     stands = stands and last_ns < simulation.world.now_ns - AFTERWARDS_NS // 2
     died_s = (died_ns - start_ns) * 1e-9
-    reach_s = (TIMEOUT_NS + EXCHANGE_NS) * 1e-9
-    speed, radius, change = _around(path, died_s, reach_s)
+    reach_s = (within_ns + EXCHANGE_NS) * 1e-9
+    speed, radius, change = _around(path, died_s, reach_s, STALE_S)
     allowed = ALLOWED_MM.get(case.profile, 0.0)
     if not allowed:
         rates = np.abs(path.v(np.array([died_s]))[0])
@@ -175,11 +188,13 @@ def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_n
     slack = 1.01 / np.abs(scale)
     inside = (places >= whole.min(axis=0) - slack).all() and (places <= whole.max(axis=0) + slack).all()
     if not case.watchdog:
-        return Death(0.0, 0.0, 0.0, 0.0, (last_ns - died_ns) / 1e6, stands, bool(inside))
-    bound = float(np.hypot(radius, run) - radius) if np.isfinite(radius) else 0.0
+        return Death(0.0, 0.0, 0.0, 0.0, 0.0, (last_ns - died_ns) / 1e6, stands, bool(inside))
+    later_speed, later_radius, _ = _around(path, died_s, reach_s, 0.0)
+    off = _off(places, near)
     return Death(
-        off_mm=_off(places, near),
-        off_bound_mm=bound + allowed,
+        off_mm=off,
+        beyond_mm=off - _tangent_mm(later_radius, later_speed * reach_s),
+        off_bound_mm=_tangent_mm(radius, run) + allowed,
         run_on_mm=float(np.linalg.norm(places - places[0], axis=1).max()),
         run_on_bound_mm=run + allowed,
         rest_ms=(last_ns - died_ns) / 1e6,
@@ -188,9 +203,14 @@ def _judged(case: Case, simulation: Simulation, scale: F8, start_ns: int, died_n
     )
 
 
-def _around(path: Trajectory, died_s: float, reach_s: float) -> tuple[float, float, float]:
+def _tangent_mm(radius: float, run: float) -> float:
+    """How far the end of a tangent of that length is from its circle."""
+    return float(np.hypot(radius, run) - radius) if np.isfinite(radius) else 0.0
+
+
+def _around(path: Trajectory, died_s: float, reach_s: float, stale_s: float) -> tuple[float, float, float]:
     """Greatest speed, least radius, greatest change of speed around a death: where the machine may still get to."""
-    t = np.arange(max(died_s - STALE_S, 0.0), died_s + reach_s, 5e-4)
+    t = np.arange(max(died_s - stale_s, 0.0), died_s + reach_s, 5e-4)
     v, a = path.v(t), path.a(t)
     speed = np.linalg.norm(v, axis=1)
     moving = speed > 0.2
@@ -238,16 +258,18 @@ FIRST_S = 6.0
 """Bench jobs are killed within their first seconds: what comes before has to be streamed."""
 
 
-def deaths(make: Callable[[int], Trajectory], profile: Profile, servos: bool, instants: int) -> Iterator[Case]:
+def deaths(
+    make: Callable[[int], Trajectory], profile: Profile, servos: bool, instants: int, seen: bool = False
+) -> Iterator[Case]:
     """The deaths of a row: by the watchdog at random bytes, behind a Set Address, and without a watchdog."""
     for seed in range(instants):
         path = make(seed)
         dice = np.random.default_rng([seed, 7])
         conditions = Conditions(0.2, seed=300 + seed, servos=("X", "Y", "Z") if servos else ())
         at_s = float(dice.uniform(0.05, min(path.duration_s, FIRST_S) - 0.05))
-        yield Case(path, conditions, profile, at_s, int(dice.integers(0, 12)))
+        yield Case(path, conditions, profile, at_s, int(dice.integers(0, 12)), seen=seen)
         if not servos and seed % 4 == 0:
-            yield Case(path, conditions, profile, at_s, behind_set_address=True)
+            yield Case(path, conditions, profile, at_s, behind_set_address=True, seen=seen)
         if seed % 4 == 1 and profile != "smooth":
             yield Case(path, conditions, profile, at_s, int(dice.integers(0, 12)), watchdog=False)
 
@@ -262,7 +284,7 @@ def row(name: str, cases: Iterator[Case]) -> str:
     bad = sum(not death.good for _, death in found)
     words = (
         f"{name:34s} off {max(d.off_mm for d in watched):6.3f} mm"
-        f" (tightest {off.off_mm:6.3f} of {off.off_bound_mm:6.3f})"
+        f" (tightest {off.off_mm:6.3f} of {off.off_bound_mm:6.3f}, beyond {max(d.beyond_mm for d in watched):6.3f})"
         f"  run on {run.run_on_mm:5.2f} of {run.run_on_bound_mm:5.2f} mm"
         f"  rest after {max(d.rest_ms for d in watched):5.1f} ms"
     )
@@ -276,6 +298,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--instants", type=int, default=20)
     parser.add_argument("--only", default="", help="only rows that contain this")
+    parser.add_argument("--seen", action="store_true", help="the watchdog sees the host's process end")
     options = parser.parse_args()
     rows: list[tuple[str, Callable[[int], Trajectory], Profile, bool]] = []
     for name, make in JOBS.items():
@@ -288,7 +311,7 @@ def main() -> None:
         rows.append((f"adaptive  bench {letter}", lambda _seed, letter=letter: bench_job(letter), "adaptive", False))
     for name, make, profile, servos in rows:
         if options.only in name:
-            print(row(name, deaths(make, profile, servos, options.instants)), flush=True)
+            print(row(name, deaths(make, profile, servos, options.instants, options.seen)), flush=True)
 
 
 if __name__ == "__main__":
