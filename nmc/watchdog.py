@@ -35,6 +35,8 @@ from nmc.wire import checksum, pack
 
 REPLY_MAX_BYTES = 16
 STOP_BYTES = 5
+LEADER_REPLY_BYTES = 2
+"""Status and checksum: what the leader of a group answers to a Stop Motor while no status item is defined."""
 DEFAULT_TIMEOUT_NS = 50_000_000
 OUTBOUND_NS = 500_000
 """What the host may add before its first byte leaves."""
@@ -99,7 +101,7 @@ class Watchdog:
         self.listen_until_ns = 0
         self._byte_ns = BITS_PER_BYTE * 1_000_000_000 // baud + 1
         self._latency_ns = latency_ns
-        self._between_ns = (STOP_BYTES + REPLY_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS
+        self._between_ns = (STOP_BYTES + LEADER_REPLY_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS
         self._ahead_ns = self._between_ns * max(len(self.groups) - 1, 0)
         self._settle_ns = (RESYNC_NULLS + REPLY_MAX_BYTES) * self._byte_ns + REPLY_DELAY_MAX_NS + OUTBOUND_NS
         needed_ns = self._settle_ns + self._ahead_ns
@@ -184,7 +186,8 @@ class Watchdog:
             return b""
         self._asked, data = self._plan.pop(0)
         if self._asked is None and self._plan and self._plan[0][0] is None:
-            # nobody needs this answer: the next group waits for its time on the wire only, not for the adapter
+            # Nobody needs this answer: the next group waits for its time on the wire only, not for the adapter. Axes of
+            # one path may be in both groups, and by as much as one stops before the other they leave it.
             self.listen_until_ns = now_ns + self._between_ns
         else:
             self._listen(now_ns, len(data))

@@ -27,6 +27,8 @@ WORTH_UM = 0.2
 """A load is sent only if it mends at least this much."""
 ALARMING_UM = 5.0
 """A load that mends this much comes before a counter that is due to be read."""
+ASTRAY_UM = 1.5
+"""A load that mends this much comes before an axis is taken into the group."""
 HORIZON = 0.6
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
 LOOK_NS = 400_000
@@ -144,6 +146,11 @@ class AdaptiveSchedule(StepSchedule):
         if self.feedback.due() and self.feedback.overdue() and worth_um < ALARMING_UM:
             yield from self.feedback.step()
             return
+        if worth_um < ASTRAY_UM:
+            astray = {axis.motor.address for axis in self.axes if axis.moving and not axis.in_stream}
+            if astray:
+                yield from self.regroup(self.groups.streaming | astray)
+                return
         if lane is not None:
             yield from lane.mend(turn)
             return

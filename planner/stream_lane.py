@@ -229,11 +229,8 @@ class StepLane:
         return send_ns + max(middle_ns - execute_ns, 0)
 
     def chore(self, now_ns: int) -> Said:
-        """Stop Motor before a reversal; the moving bit of an axis that has probably arrived; the group for latches."""
+        """Stop Motor before a reversal; the moving bit of an axis that has probably arrived."""
         axis = self.axis
-        if axis.moving and not axis.in_stream:
-            yield from self.schedule.regroup(self.schedule.groups.streaming | {self.address})
-            return True
         first = axis.first_step_ns()
         if first is None or first - now_ns > PREPARE_NS:
             return False

@@ -13,7 +13,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.hostdeath import JOBS, Case, bench_job, die
 from benchmarks.paths import circle, random_path
-from benchmarks.rig import Conditions
+from benchmarks.rig import Conditions, bring_up, timing_of
+from nmc.executor import play
+from planner.stream import lead_in_ns, make_source
 
 SERVOS = ("X", "Y", "Z")
 
@@ -93,3 +95,30 @@ def test_a_bench_job_while_it_speeds_up_on_a_line() -> None:
         death = die(Case(bench_job("b"), Conditions(0.2, seed=seed), "adaptive", 0.3 + 0.5 * seed, seed))
         assert death is not None
         assert death.good, death
+
+
+@pytest.mark.parametrize("letter", ["a", "b", "c"])
+def test_an_axis_that_sets_out_alone_is_soon_in_the_group_that_stops_first(letter: str) -> None:
+    """Axes of one path that are in two groups stop one after the other, and leave it by their speed times that."""
+    path, conditions = bench_job(letter), Conditions(0.2, seed=2)
+    _, bus, motors = bring_up(path.axes, conditions)
+    timing = timing_of(conditions)
+    start_ns = bus.link.now_ns() + lead_in_ns(motors, timing)
+    parked = {motor.address for motor in motors}
+    alone_ns: dict[int, int] = {}
+    joined: list[int] = []
+    for evidence in play(bus, make_source(path, motors, timing=timing, start_ns=start_ns, profile="adaptive")):
+        said = evidence.exchange
+        if said.command == 0x1 and said.data[1] | 0x80 == 0x81:
+            parked.discard(said.address)
+            if said.address in alone_ns:
+                joined.append(evidence.sent_ns - alone_ns.pop(said.address))
+        elif said.command == 0x1:
+            parked.add(said.address)
+        elif said.command == 0x4 and said.address in parked and said.data[0] & 0x81 == 0x81:
+            alone_ns[said.address] = evidence.sent_ns
+        if evidence.sent_ns > start_ns + 1_200_000_000:
+            break
+    assert len(joined) >= 2, "X and Y of the first rapid set out one by one"
+    assert max(joined) < 15_000_000
+    assert not alone_ns

@@ -116,6 +116,31 @@ def test_the_stop_is_in_force_one_exchange_after_the_timeout(steppers) -> None:
     assert stopped_ns - last_ns < 50_000_000 + 1_500_000
 
 
+def test_the_second_group_is_stopped_as_soon_as_the_first_has_answered() -> None:
+    """Axes of one path may be in both groups: they leave it by their speed times what lies between the stops."""
+    dog = Watchdog([Ward(1, "pic-step")], GROUPS, baud=115200, latency_ns=16_000_000)
+    dog.trip(0)
+    dog.heard(dog.next_bytes(0) and b"")
+    at_ns = dog.listen_until_ns
+    assert dog.next_bytes(at_ns)[1] == 0x81
+    byte_ns, reply_ns = 10 * 1_000_000_000 // 115200, 500_000
+    assert 7 * byte_ns + reply_ns <= dog.listen_until_ns - at_ns < 7 * byte_ns + reply_ns + 20_000
+    dog.heard(b"")
+    assert dog.next_bytes(dog.listen_until_ns)[1] == 0x82
+
+
+def test_a_take_over_says_nothing_that_the_sheets_forbid(steppers) -> None:
+    simulation, bus, dog = running(steppers)
+    list(play(bus, CountStream()))
+    set_group(bus, 2, 0x82)
+    link = bus.link.inner
+    link.sleep_until(dog.due_ns)
+    dog.check(link.now_ns())
+    patrol(dog, link, rounds=20)
+    assert moving(simulation) == []
+    assert simulation.violations == []
+
+
 def test_a_living_host_is_left_alone(steppers) -> None:
     simulation, bus, dog = running(steppers)
     list(play(bus, CountStream()))
