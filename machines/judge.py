@@ -111,7 +111,7 @@ def trace_pins(
     """
     lead_ns = lead_ns or {}
     tracks = []
-    for motor in np.unique(trace.servo_axis):
+    for motor in np.flatnonzero(np.bincount(trace.servo_axis)):
         mine = trace.servo_axis == motor
         counts = servo_counts[mine]
         changes = np.diff(counts, prepend=counts[0]) != 0

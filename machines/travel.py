@@ -112,6 +112,9 @@ def bounds(commands: Iterable[Command | MoveBlock], start: Position = ORIGIN) ->
 def check_travel(commands: Iterable[Command | MoveBlock], travel: Travel, start: Position = ORIGIN) -> list[Excess]:
     """Every axis and side that a program takes beyond ``travel``, in the order in which they happen."""
     found: dict[tuple[int, int], Excess] = {}
+    commands = tuple(commands)
+    if _surely_inside(commands, travel, start):
+        return []
     for line, axis, least, greatest, _ in reach(commands, start):
         limits = travel.get(AXES[axis])
         if limits is None:
@@ -122,6 +125,23 @@ def check_travel(commands: Iterable[Command | MoveBlock], travel: Travel, start:
         if greatest > limits[1] + SLACK:
             _note(found, (axis, 1), limits[1], line, greatest)
     return list(found.values())
+
+
+def _surely_inside(commands: tuple[Command | MoveBlock, ...], travel: Travel, start: Position) -> bool:
+    """Of a program of straight moves its ends say whether it stays inside; False if a closer look is needed."""
+    ends = [start]
+    for command in commands:
+        if isinstance(command, Rapid | Feed):
+            ends.append(command.end)
+        elif isinstance(command, MoveBlock | Arc | TiltedArc | Probe | RigidTap | Nurbs):
+            return False
+    places = np.array(ends)
+    for axis, least, greatest in zip(AXES, places.min(axis=0).tolist(), places.max(axis=0).tolist(), strict=True):
+        limits = travel.get(axis)
+        inside = least == greatest if limits is None else limits[0] <= least and greatest <= limits[1]
+        if not inside:
+            return False
+    return True
 
 
 def offset_that_fits(extent: Bounds, travel: Travel) -> dict[str, float] | None:
