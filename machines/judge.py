@@ -124,7 +124,8 @@ def trace_pins(
     for number, name in enumerate(trace.axes):
         if number not in trace.servo_axis and name in begins_at:
             shift[number] = begins_at[name] - stood[number]
-    position = found.position + shift
+    position = found.position
+    position += shift
     for motor, time_ns, steps in zip(trace.slip_axis, trace.slip_ns, trace.slip_steps, strict=True):
         position[found.time_ns >= time_ns, motor] += steps  # the motor slipped, its counter does not know
     return Pins(found.time_ns, position)

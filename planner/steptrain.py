@@ -220,7 +220,7 @@ def _without_apexes(times: F8, directions: I8, t: F8, p: F8) -> I8:
     and short, both go. Only reversals are visited, so a long monotone chunk costs nothing.
     """
     reversals = np.flatnonzero(np.diff(directions) != 0)
-    if not len(reversals):
+    if not any(_is_apex(times[at], times[at + 1], t, p) for at in reversals):
         return np.arange(len(times), dtype=np.int64)
     kept: list[int] = []
     done = 0

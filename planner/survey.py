@@ -189,7 +189,7 @@ def soft_limits(
         low, high = np.minimum(p.start[:, k], end[:, k]), np.maximum(p.start[:, k], end[:, k])
         for reach, limit, sign in ((low, least, -1.0), (high, greatest, 1.0)):
             beyond = np.flatnonzero(sign * (reach - limit) > 1e-6)
-            for line in np.unique(p.line[beyond]):
+            for line in sorted(set(p.line[beyond].tolist())):
                 rows = beyond[p.line[beyond] == line]
                 far = reach[rows].max() if sign > 0 else reach[rows].min()
                 out.append(SoftLimitViolation(int(line), name, float(far), float(limit)))

@@ -89,9 +89,8 @@ def compare_pins(
     column = [reference.axes.index(axis) for axis in motor_axis]
     planned = reference.q[:, column]
     knots = planned * per_unit
-    judged = out.time_ns >= plan_start_ns
-    if not judged.all():
-        out = Pins(out.time_ns[judged], out.position[judged])
+    first = int(np.searchsorted(out.time_ns, plan_start_ns))
+    out = Pins(out.time_ns[first:], out.position[first:])
     time_s = (out.time_ns - plan_start_ns) * 1e-9
     wanted = np.floor(knots[-1] + 0.5).astype(np.int64)
     if not len(time_s):
