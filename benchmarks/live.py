@@ -24,12 +24,13 @@ from groupstart.compiled import FINDER, ROOMS, SWITCH
 # groupstart comes first, so that the rooms are imported compiled
 from gcode.setup import Setup
 from machines.job import plan_job, read_job
-from machines.load import read_machine
+from machines.load import MachineFile, read_machine
 from machines.runner import RunOptions, perform
 from nmc.program import Evidence
 
 GOAL_MS = 0.5
 TRIES = 5
+PATIENCE_MS = 2000.0
 PROGRAM = """G21 G90 G64 P0.01 F1200
 G1 X20 Y8
 G3 X20 Y28 I0 J10
@@ -62,9 +63,15 @@ class Meter:
         return 1e3 * (self._last_s - self._begun_s) / max(self.exchanges - 1, 1)
 
 
+def patient(machine: MachineFile) -> MachineFile:
+    """Its watchdog waits for a computer that has much else to do: what is measured is no time but work."""
+    buses = {name: bus.model_copy(update={"watchdog_ms": PATIENCE_MS}) for name, bus in machine.config.bus.items()}
+    return replace(machine, config=machine.config.model_copy(update={"bus": buses}))
+
+
 def run(device: str, profile: str) -> dict[str, float | str]:
     """Run the program on a terminal; what its exchanges cost."""
-    machine = read_machine("mill3-step")
+    machine = patient(read_machine("mill3-step"))
     job = read_job(PROGRAM, Setup(), machine.config)
     plan = plan_job(job, machine.config)
     meter = Meter()

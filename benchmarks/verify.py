@@ -39,6 +39,9 @@ RATIO_GOAL, HOST_GOAL_MS = 30.0, 0.1
 PATH: ClosedForm = random_path(1, 20.0)
 CONDITIONS = Conditions(jitter_ms=0.2)
 MODES = {"sources": "0", "compiled": "1"}
+VERIFY = ("groupstart", "verify", "-m", "mill3-step", "--json")
+WARMING = "G21 G90 F1200\nG1 X1\nG1 Y1\nM2\n"
+"""A program that is run first: then bytecode and numba's code are there, as in every run but the first."""
 
 
 class Recorder:
@@ -129,6 +132,7 @@ def in_mode(mode: str, command: list[str]) -> tuple[str, float, float]:
     """Output, CPU seconds and seconds of a command of this Python."""
     before, begin_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = os.environ | {SWITCH: MODES[mode]}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed has its bytecode
     done = subprocess.run(
         [sys.executable, "-m", *command], env=environment, capture_output=True, text=True, check=False
     )
@@ -140,7 +144,7 @@ def in_mode(mode: str, command: list[str]) -> tuple[str, float, float]:
 
 def verified(program: str, mode: str, repeats: int) -> tuple[float, int, float, float]:
     """Seconds of motion, exchanges, and the medians of CPU and wall clock seconds of a verify."""
-    runs = [in_mode(mode, ["groupstart", "verify", program, "-m", "mill3-step", "--json"]) for _ in range(repeats)]
+    runs = [in_mode(mode, [*VERIFY, program]) for _ in range(repeats)]
     verdict = json.loads(runs[0][0])
     cpu_s, wall_s = (statistics.median(run[k] for run in runs) for k in (1, 2))
     return verdict["sim_time_s"], verdict["bus"]["packets"], cpu_s, wall_s
@@ -151,6 +155,10 @@ def jobs(names: str, modes: list[str], repeats: int) -> bool:
     reached = True
     print("job  motion s  exchanges " + "".join(f"{mode:>10s}: CPU s  x real time (wall)" for mode in modes))
     with tempfile.TemporaryDirectory() as folder:
+        warming = Path(folder) / "warming.nc"
+        warming.write_text(WARMING)
+        for mode in modes:
+            in_mode(mode, [*VERIFY, str(warming)])
         for name in names:
             program = Path(folder) / f"{name}.nc"
             program.write_text(text(name))
