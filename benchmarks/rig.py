@@ -145,6 +145,7 @@ def stream(
     waiting, rates = list(holds_s), list(overrides)
     for _ in play(bus, source):
         packets += 1
+        source.passed(link.now_ns())
         now_s = (link.now_ns() - start_ns) * 1e-9
         if source.holding:
             source.resume()
