@@ -95,7 +95,8 @@ def distances(
 
     time_s f8[K], pins f8[K, A], knots_s f8[N], knots f8[N, A]; returns distance f8[K] in the units of the coordinates
     and the time f8[K] of the nearest point (the nearest in time among equals). The search begins where the last pin
-    was nearest: its distance from that segment is a bound, and what lies in boxes beyond it is passed over.
+    was nearest: its distance from that segment is a bound, and what lies in boxes beyond it is passed over. Rounding
+    may put even that segment's own box beyond it.
     """
     count = len(pins)
     low, high = boxes(knots, BLOCK)
@@ -103,9 +104,9 @@ def distances(
     distance, nearest_s = np.empty(count), np.empty(count)
     near = 0
     for k in range(count):
-        best, best_s = math.inf, time_s[k]
         near = min(max(near, first[k]), last[k] - 1)
-        bound, _ = _segment(pins, k, knots, near)
+        best, u = _segment(pins, k, knots, near)
+        best_s, bound = knots_s[near] + u * (knots_s[near + 1] - knots_s[near]), best
         blocks_from, blocks_to = first[k] // BLOCK, (last[k] - 1) // BLOCK
         at, near_block, ahead = near, near // BLOCK, blocks_from - 1
         while ahead <= blocks_to:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim.compare import Reference, compare, compare_pins
+from sim.compare_kernel import distances
 from sim.pulses import Pins, ServoTrack, StepRuns, pins, pulses
 
 
@@ -100,3 +101,19 @@ def test_servo_samples_are_straight_between_ticks_and_judged_from_the_plans_star
     verdict = compare_pins(straight(), out, ("X", "Y"), ("X", "Y"), STEPS, 0)
     assert verdict.contour_steps.max == pytest.approx(0.0, abs=1e-9)
     assert verdict.end_error_steps == {"X": 0, "Y": 0}
+
+
+def test_pins_beside_a_path_whose_own_box_rounds_away_are_still_found() -> None:
+    """The distance to a knot past a segment's end and that to its box differ in the last bit, either way."""
+    rng = np.random.default_rng(11)
+    t = np.arange(40.0)
+    for _ in range(200):
+        knots = np.cumsum(rng.uniform(0.0, 1.0, (6, 3)), axis=0)
+        pins = knots[-1] + rng.uniform(0.0, 2.0, (40, 3))  # all of them past the end
+        first, last = np.zeros(40, np.int64), np.full(40, 5, np.int64)
+        found, _ = distances(t, pins, first, last, t[:6], knots)
+        edge = np.diff(knots, axis=0)
+        along = np.sum((pins[:, None] - knots[None, :-1]) * edge, axis=2) / np.sum(edge * edge, axis=1)
+        nearest = knots[None, :-1] + np.clip(along, 0.0, 1.0)[:, :, None] * edge
+        wanted = np.linalg.norm(pins[:, None] - nearest, axis=2).min(axis=1)
+        assert np.allclose(found, wanted, rtol=1e-12, atol=1e-12)
