@@ -24,4 +24,5 @@ def thin_servo(trace: Trace, every: int) -> Trace:
         servo_ns=trace.servo_ns[keep],
         servo_command=trace.servo_command[keep],
         servo_position=trace.servo_position[keep],
+        servo_fraction=trace.servo_fraction[keep] if len(trace.servo_fraction) else trace.servo_fraction,
     )

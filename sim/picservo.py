@@ -66,7 +66,7 @@ class PicServo(nmc.NmcModule):
         self.n[k.TICK] = self.clock.tick_at(self.world.now_ns)
         self.switches = np.zeros((len(spec.switches), 4), np.int64)
         self._wire_switches()
-        self._command = np.zeros(_CHUNK, np.int32)
+        self._command = np.zeros(_CHUNK, np.int64)
         self._position = np.zeros(_CHUNK, np.int32)
         self.samples = ServoSamples()
         self._chunk_tick = int(self.n[k.TICK])

@@ -276,9 +276,12 @@ def _home(n: I8, index_passed: bool, error: bool, limiting: bool) -> None:
         stop_smoothly(n)
 
 
-@native("void(i8, i8[::1], f8[::1], i8[:, ::1], i4[::1], i4[::1])", exact=True)
-def run(ticks: int, n: I8, f: F8, switches: I8, command: I4, position: I4) -> None:
-    """Run ``ticks`` full-rate ticks. Samples go to command, position i4[K] from n[SAMPLES] on; there must be room."""
+@native("void(i8, i8[::1], f8[::1], i8[:, ::1], i8[::1], i4[::1])", exact=True)
+def run(ticks: int, n: I8, f: F8, switches: I8, command: I8, position: I4) -> None:
+    """Run ``ticks`` full-rate ticks. Samples go to command i8[K] (48.16) and position i4[K] from n[SAMPLES] on.
+
+    There must be room.
+    """
     for _ in range(ticks):
         n[TICK] += 1
         before = n[COUNT]
@@ -309,6 +312,6 @@ def run(ticks: int, n: I8, f: F8, switches: I8, command: I4, position: I4) -> No
         n[SKIP] += 1
         if n[EVERY] and n[SKIP] >= n[EVERY]:
             n[SKIP] = 0
-            command[n[SAMPLES]] = wrap32(n[COMMAND] >> 16)
+            command[n[SAMPLES]] = n[COMMAND]
             position[n[SAMPLES]] = n[POS]
             n[SAMPLES] += 1

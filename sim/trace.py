@@ -38,6 +38,9 @@ _FIELDS = {
 }
 _SLIPS = {"slip_axis": "u1", "slip_ns": "i8", "slip_steps": "i4"}
 """Where mechanics and pulses part; in no file before there were any."""
+_FRACTIONS = {"servo_fraction": "u2"}
+"""Of the command, beyond whole counts; in no file before PIC-SERVOs were judged by it."""
+_SERVO = ("servo_ns", "servo_command", "servo_position", *_FRACTIONS)
 _PINS = {"pin_index": "u1", "pin_ns": "i8", "pin_value": "i4"}
 """Changes of output pins; in no file where none has changed."""
 
@@ -87,21 +90,22 @@ class ServoSamples:
     """Command and position of one servo at its ticks, in counts."""
 
     def __init__(self) -> None:
-        self._columns = [Spool("q"), Spool("i"), Spool("i")]
+        self._columns = [Spool("q"), Spool("i"), Spool("i"), Spool("H")]
 
-    def add(self, ns: IntArray, command: npt.NDArray[np.int32], position: npt.NDArray[np.int32]) -> None:
-        """Append samples: times in ns, command and position in counts."""
-        for column, data in zip(self._columns, (ns.tobytes(), command.tobytes(), position.tobytes()), strict=True):
-            column.tail.frombytes(data)
+    def add(self, ns: IntArray, command: npt.NDArray[np.int64], position: npt.NDArray[np.int32]) -> None:
+        """Append samples: times in ns, command in counts x 65536 (48.16), position in counts."""
+        whole, fraction = (command >> 16).astype(np.int32), (command & 0xFFFF).astype(np.uint16)
+        for column, data in zip(self._columns, (ns, whole, position, fraction), strict=True):
+            column.tail.frombytes(data.tobytes())
             column.settle()
 
     def __len__(self) -> int:
         return len(self._columns[0])
 
-    def read(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Times in ns, commands and positions in counts."""
-        ns, command, position = (c.read() for c in self._columns)
-        return ns, command, position
+    def read(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Times in ns, commands and positions in whole counts, what the commands are above (counts x 65536)."""
+        ns, command, position, fraction = (c.read() for c in self._columns)
+        return ns, command, position, fraction
 
 
 class BusLog:
@@ -146,6 +150,7 @@ class Trace:
     bus_byte u1[B]; plan_start_ns: trace time at which the plan has its time 0. slip_axis u1[K], slip_ns i8[K],
     slip_steps i4[K]: steps (signed) by which a motor slipped, which its pulses do not show. pin_names: output pins as
     ``module.pin``; pin_index u1[P], pin_ns i8[P], pin_value i4[P]: their changes, level 0 or 1, or PWM -255 to 255.
+    servo_fraction u2[S]: what the command is above whole counts (counts x 65536), empty if the trace does not know it.
     """
 
     axes: tuple[str, ...]
@@ -165,6 +170,7 @@ class Trace:
     bus_line: npt.NDArray[np.uint8]
     bus_byte: npt.NDArray[np.uint8]
     plan_start_ns: int = 0
+    servo_fraction: npt.NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
     slip_axis: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
     slip_ns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     slip_steps: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
@@ -193,7 +199,11 @@ class Trace:
             ),
             plan_start_ns=self.plan_start_ns if plan_start_ns is None else plan_start_ns,
         )
-        rare = (*(_SLIPS if len(full.slip_ns) else ()), *(_PINS if len(full.pin_ns) else ()))
+        rare = (
+            *(_SLIPS if len(full.slip_ns) else ()),
+            *(_FRACTIONS if len(full.servo_fraction) else ()),
+            *(_PINS if len(full.pin_ns) else ()),
+        )
         arrays = {name: getattr(full, name) for name in (*_FIELDS, *rare)}
         if len(full.pin_ns):
             arrays["pin_names"] = np.array(full.pin_names, dtype=np.str_)
@@ -219,7 +229,9 @@ class Trace:
 def load(path: str | Path) -> Trace:
     """Read a ``trace.npz``. Raises OSError or KeyError if it is not one."""
     with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in (*_FIELDS, *_SLIPS, *_PINS) if name in _FIELDS or name in file}
+        arrays = {
+            name: file[name] for name in (*_FIELDS, *_SLIPS, *_FRACTIONS, *_PINS) if name in _FIELDS or name in file
+        }
         return Trace(
             axes=tuple(str(a) for a in file["axes"]),
             plan_start_ns=int(file["plan_start_ns"]),
@@ -240,13 +252,13 @@ def collect(
     slips: Mapping[str, Sequence[tuple[int, int]]] | None = None,
 ) -> Trace:
     """Put the columns of all motors and buses together, each in order of time. slips: (time in ns, steps) by motor."""
-    step: dict[str, list[npt.NDArray[np.generic]]] = {k: [] for k in _FIELDS}
+    step: dict[str, list[npt.NDArray[np.generic]]] = {k: [] for k in (*_FIELDS, *_FRACTIONS)}
     for number, name in enumerate(axes):
         if name in runs:
             _add_runs(step, number, runs[name])
         if name in servos:
             step["servo_axis"].append(np.full(len(servos[name]), number, "u1"))
-            for field, values in zip(("servo_ns", "servo_command", "servo_position"), servos[name].read(), strict=True):
+            for field, values in zip(_SERVO, servos[name].read(), strict=True):
                 step[field].append(values)
     for number, log in enumerate(buses):
         host_ns, host_byte, status_ns, status_byte = log.read()
@@ -254,7 +266,7 @@ def collect(
             step["bus_ns"].append(ns)
             step["bus_line"].append(np.full(len(ns), 2 * number + line, "u1"))
             step["bus_byte"].append(value)
-    columns = {k: _column(v, _FIELDS[k]) for k, v in step.items()}
+    columns = {k: _column(v, {**_FIELDS, **_FRACTIONS}[k]) for k, v in step.items()}
     for group, key in (("run_", "run_first_ns"), ("servo_", "servo_ns"), ("bus_", "bus_ns")):
         order = np.argsort(columns[key], kind="stable")
         for name in columns:
