@@ -23,7 +23,7 @@ from planner.timing import Rate
 from planner.types import Trajectory
 from sim.build import Simulation, build
 from sim.compare import Contour, Reference, compare_pins
-from sim.pulses import Pins, ServoTrack, StepRuns, pins
+from sim.pulses import F8, Pins, ServoTrack, StepRuns, pins
 from sim.spec import BusSpec, CountLatch, ServoModule, ServoPlant, StepModule
 from sim.trace import Trace
 
@@ -177,7 +177,7 @@ def contours(trace: Trace, trajectory: Trajectory, motors: Sequence[Motor], star
     scale = np.array([m.steps_per_unit if isinstance(m, StepMotor) else m.counts_per_unit for m in motors])
     commanded, shaft = (
         compare_pins(reference, pins_of(trace, which), names, names, scale, start_ns)
-        for which in (trace.servo_command, trace.servo_position)
+        for which in (commands(trace), shafts(trace))
     )
     return commanded, shaft
 
@@ -209,20 +209,32 @@ def travelling(time_ns: npt.NDArray[np.int64], counts: npt.NDArray[np.int32]) ->
     return brief
 
 
-def pins_of(trace: Trace, servo_counts: npt.NDArray[np.int32] | None = None) -> Pins:
-    """Pins of a trace with either the command (if nothing is given) or the shaft of its servos.
+def commands(trace: Trace) -> F8:
+    """Command positions of the servo samples in counts, to the last of their 16 fractional bits; f8[S]."""
+    return trace.servo_command + trace.servo_fraction / 65536.0
 
-    The trace has whole counts and leaves out the fraction of the command; while it is on its way from count to count
-    the truth lies half a count above on average. A count that stands longer than ``RESTS_NS`` is taken as it is.
+
+def shafts(trace: Trace) -> F8:
+    """Shaft positions of the servo samples in counts; f8[S].
+
+    An encoder shows whole counts: while it is on its way from count to count the truth lies half a count above on
+    average. A count that stands longer than ``RESTS_NS`` is taken as it is.
     """
+    found = trace.servo_position.astype(np.float64)
+    for motor in np.unique(trace.servo_axis):
+        mine = trace.servo_axis == motor
+        found[mine] += 0.5 * travelling(trace.servo_ns[mine], trace.servo_position[mine])
+    return found
+
+
+def pins_of(trace: Trace, servo_counts: F8 | None = None) -> Pins:
+    """Pins of a trace with ``servo_counts`` (f8[S]), or the commands of its servos if nothing is given."""
     runs = StepRuns(
         trace.run_axis, trace.run_first_ns, trace.run_period_ns, trace.run_count, trace.run_dir, trace.start_steps
     )
+    counts = commands(trace) if servo_counts is None else servo_counts
     tracks = []
-    servo_counts = trace.servo_command if servo_counts is None else servo_counts
     for motor in np.unique(trace.servo_axis):
         mine = trace.servo_axis == motor
-        counts = servo_counts[mine]
-        time_ns = trace.servo_ns[mine]
-        tracks.append(ServoTrack(int(motor), time_ns, counts + 0.5 * travelling(time_ns, counts)))
+        tracks.append(ServoTrack(int(motor), trace.servo_ns[mine], counts[mine]))
     return pins(runs, tracks)

@@ -19,6 +19,7 @@ import numpy as np
 from benchmarks.paths import ClosedForm, circle, helix, line, random_path, rounded_square
 from benchmarks.rig import Conditions, Outcome, stream
 from benchmarks.rig_buses import SharedOutcome, stream_buses
+from benchmarks.servo_floor import pwm_floor
 from benchmarks.streaming_jobs import names
 from benchmarks.streaming_jobs import row as job_row
 from planner.motors import StepMotor
@@ -36,6 +37,7 @@ NAMED: dict[str, Callable[[], ClosedForm]] = {
     "square r1, 40": lambda: rounded_square(20.0, 1.0, 40.0),
 }
 JITTER_MS = (0.0, 0.2, 2.0)
+SERVOS = Conditions(servos=("X", "Y", "Z"))
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,8 @@ def main() -> None:
     for path in (*NAMED, "random 20 3", "random 60 3"):
         spread = floor(trajectory(path, 0)).contour_steps
         print(f"  {path:20s} {spread.max:5.2f} {spread.p999:5.2f} {spread.rms:5.2f}")
+    ideal = [pwm_floor(trajectory("random 20 3", seed), SERVOS) for seed in range(min(options.seeds, 6))]
+    print(f"  random 20 3, servos: change of PWM a tick, rms, {min(ideal):.1f} to {max(ideal):.1f}")
     print("profile   job: median max, worst max, worst p99.9, worst rms")
     with ProcessPoolExecutor(options.processes) as pool:
         for case in cases(options.seeds):

@@ -218,10 +218,11 @@ def make_source(
     if not servos and profile != "adaptive":
         return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
     adaptive = AdaptiveSchedule(axes, timing, motors[0].bus)
+    mates: list[SmoothLane] = []
     pace = Pace(alone={motor.axis for motor in servos} == set(trajectory.axes))
     for motor in servos:
         if profile == "smooth":
-            adaptive.add_servo(SmoothLane(trajectory, motor, adaptive, start_ns))
+            adaptive.add_servo(SmoothLane(trajectory, motor, adaptive, start_ns, mates))
         else:
             adaptive.add_servo(StopHereLane(trajectory, motor, adaptive, start_ns, pace))
     return StreamSource(trajectory, adaptive, start_ns)

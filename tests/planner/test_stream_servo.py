@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from stream_rig import Conditions, Outcome, circle, helix, random_path, stream
 
 from benchmarks.rig import travelling
+from benchmarks.servo_floor import pwm_floor
 from planner.stream_servo import Pace
 
 ALL = ("X", "Y", "Z")
@@ -22,7 +23,7 @@ def clean(outcome: Outcome) -> None:
     assert all(end == 0 for end in outcome.contour.end_error_steps.values())
 
 
-@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 2.6), (2.0, 3.3)])
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 0.6), (2.0, 1.6)])
 def test_a_smooth_command_keeps_to_the_circle_without_shaking_the_motor(jitter_ms: float, command_um: float) -> None:
     outcome = stream(circle(2.0, 20.0), Conditions(jitter_ms, servos=ALL, seed=100), "smooth")
     clean(outcome)
@@ -31,20 +32,39 @@ def test_a_smooth_command_keeps_to_the_circle_without_shaking_the_motor(jitter_m
     assert 0.0 < outcome.pwm_change_rms <= 20.0
 
 
-def test_a_smooth_command_follows_where_the_acceleration_jumps() -> None:
-    outcome = stream(random_path(0, 20.0), Conditions(servos=ALL, seed=100), "smooth")
+@pytest.mark.parametrize(("seed", "jitter_ms", "command_um"), [(3, 0.0, 2.5), (20, 0.0, 1.8), (7, 2.0, 5.0)])
+def test_a_smooth_command_follows_where_the_acceleration_jumps(seed: int, jitter_ms: float, command_um: float) -> None:
+    """Seed 20 was off by 3.5 um where three axes begin to move at once, loaded one after the other."""
+    outcome = stream(random_path(seed, 20.0), Conditions(jitter_ms, servos=ALL, seed=100 + seed), "smooth")
     clean(outcome)
-    assert outcome.contour.contour_um.max <= 3.5
+    assert outcome.contour.contour_um.max <= command_um
 
 
-@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 18.0), (2.0, 35.0)])
+def test_the_pwm_is_as_calm_as_under_the_plan_itself() -> None:
+    """What is left is the whole counts of encoder and command, which no stream can take away."""
+    conditions = Conditions(servos=ALL, seed=104)
+    path = random_path(4, 20.0)
+    least = pwm_floor(path, conditions)
+    assert 15.0 < least < stream(path, conditions, "smooth").pwm_change_rms + 0.5
+    assert stream(path, conditions, "smooth").pwm_change_rms <= min(least + 0.5, 20.0)
+
+
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 31.0), (2.0, 65.0)])
+def test_stop_here_points_keep_even_where_a_slow_axis_comes_between(jitter_ms: float, command_um: float) -> None:
+    """The fast axes then stood for three exchanges once; had they jumped for as long again: 36 and 71 um."""
+    outcome = stream(random_path(5, 20.0), Conditions(jitter_ms, servos=ALL, seed=105), "stop-here")
+    clean(outcome)
+    assert outcome.contour.contour_um.max <= command_um
+
+
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 17.0), (2.0, 32.0)])
 def test_stop_here_points_make_even_stairs(jitter_ms: float, command_um: float) -> None:
     outcome = stream(circle(2.0, 20.0), Conditions(jitter_ms, servos=ALL, seed=100), "stop-here")
     clean(outcome)
     assert outcome.contour.contour_um.max <= command_um
 
 
-@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 6.0), (2.0, 7.5)])
+@pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 4.0), (2.0, 7.0)])
 def test_a_helix_of_two_servos_and_a_stepper(jitter_ms: float, command_um: float) -> None:
     outcome = stream(helix(2.0, 2.0, 5.0, 20.0), Conditions(jitter_ms, servos=("X", "Y"), seed=101), "smooth")
     clean(outcome)
@@ -81,7 +101,7 @@ def test_a_count_that_stands_for_long_is_a_rest() -> None:
     assert not travelling(time_ns, np.zeros_like(counts)).any()
 
 
-@pytest.mark.parametrize(("jitter_ms", "um"), [(0.0, 50.0), (2.0, 95.0)])
+@pytest.mark.parametrize(("jitter_ms", "um"), [(0.0, 45.0), (2.0, 90.0)])
 def test_a_stepper_beside_stop_here_servos_gets_its_turns(jitter_ms: float, um: float) -> None:
     """A point always mends more than a count: left to that alone the stepper starves, and is 0.2 to 8 mm off."""
     outcome = stream(helix(2.0, 2.0, 5.0, 20.0), Conditions(jitter_ms, seed=101, servos=("X", "Y")), "stop-here")
