@@ -131,9 +131,14 @@ class StepLane:
         return arrived_ns if last_ns is None else min(last_ns, arrived_ns)
 
     def delay_um(self, delay_ns: int, turn: Turn) -> float:
-        """A leg that begins late is late by the steps that it misses; a last count that comes too late is lost."""
+        """A leg that begins late is late by the steps that it misses; a last count that comes too late is lost.
+
+        The Stop Motor into a gap has as long as no chip can make another step: a longest period, most often.
+        """
         if self.axis.halts:
-            return math.inf
+            stopped_ns = self.schedule.latest_ns(turn.send_ns + self.timing.worst_ns(COUNT_BYTES), 1)
+            fast = self.axis.twin.fast
+            return 0.0 if fast.left_at(stopped_ns) == fast.left_at(turn.send_ns) else math.inf
         if delay_ns <= 0:
             return 0.0
         leg = self.axis.next_leg()

@@ -8,6 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from benchmarks.holds import one
 from benchmarks.paths import ClosedForm, Warped, circle, random_path
 from benchmarks.rig import Conditions, stream
 from gcode.canon import Feed
@@ -107,3 +108,10 @@ def test_the_first_steps_after_a_resume_are_on_time(seed: int) -> None:
     assert outcome.contour.contour_steps.max <= 5.0
     assert set(outcome.contour.end_error_steps.values()) == {0}
     assert outcome.violations == {}
+
+
+def test_a_stop_into_a_gap_does_not_come_before_an_axis_that_runs_on() -> None:
+    # Two axes have come to rest with 50 ms to spare; the third would go on for three steps while they are stopped.
+    outcome = one("random 60", 0.0, 45, sweep=False)
+    assert outcome.contour.contour_steps.max <= 2.5
+    assert set(outcome.contour.end_error_steps.values()) == {0}
