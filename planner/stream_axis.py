@@ -82,16 +82,23 @@ class StepAxis:
     def settle(self, now_ns: int) -> None:
         """Close the leg if even the slowest chip has made its last step."""
         if self.leg is not None and self.twin.surely_stopped_from_ns() < now_ns:
-            self.close()
+            self.close(now_ns)
 
-    def close(self) -> None:
-        """The leg is over: the slowest chip has arrived, or the moving bit has been seen clear."""
+    def close(self, now_ns: int) -> None:
+        """The leg is over: the slowest chip has arrived, or the moving bit has been seen clear.
+
+        An axis that should have halted before has run past what was wanted: what is left begins where it stands.
+        """
         assert self.leg is not None
         self.position_steps = self.leg.stop_steps
         self.last_direction = self.leg.direction
         self._last_ns = self.leg.instants_ns[-1]
         self.leg = None
         self.doubt_steps = 0.0
+        if self.halts:
+            self.halts = False
+            self._last_ns = max(now_ns - self.start_ns, 0)
+            self.train = self._cut(self.trajectory, self._last_ns, self.position_steps)
 
     def stood(self) -> tuple[int, int]:
         """Of an axis at rest: since when, in ns of the plan, and on which step."""
@@ -283,6 +290,13 @@ class StepAxis:
             return True  # it may be in force already: a roll-over is never known to the microsecond
         return next_ns - max(ahead.instants_ns[wanted] + self.start_ns, soonest_ns) > OVERSLEPT_NS
 
+    @property
+    def beyond(self) -> int:
+        """Steps of the running leg that are not wanted any more: it halts before them."""
+        leg = self.leg
+        assert leg is not None
+        return abs(leg.stop_steps - leg.start_steps) - len(leg.instants_ns)
+
     def halt_ns(self) -> int:
         """Of an axis that halts: when the Stop Motor into its gap may be executed.
 
@@ -292,10 +306,9 @@ class StepAxis:
         """
         leg = self.leg
         assert leg is not None
-        beyond = abs(leg.stop_steps - leg.start_steps) - len(leg.instants_ns)
         timer, slow = self.twin.nominal, self.twin.slow
-        likely_ns = timer.next_ns + (timer.left - beyond - 1) * timer.period_ns
-        surely_ns = slow.next_ns + (slow.left - beyond - 1) * slow.period_ns
+        likely_ns = timer.next_ns + (timer.left - self.beyond - 1) * timer.period_ns
+        surely_ns = slow.next_ns + (slow.left - self.beyond - 1) * slow.period_ns
         unsure_ns = self.timing.jitter_max_ns + self.timing.start_delay_max_ns
         if timer.period_ns > self.period_max_ns // 2 and likely_ns > leg.instants_ns[-1] + self.start_ns + unsure_ns:
             return timer.next_ns - timer.period_ns + unsure_ns

@@ -137,7 +137,7 @@ class StepSchedule:
         evidence = yield Exchange(axis.motor.address, NO_OPERATION, bus=self.bus)
         axis.asked_ns = self.now_ns
         if evidence.status is not None and not evidence.status & MOVING:
-            axis.close()
+            axis.close(self.now_ns)
 
     def regroup(self, wanted: set[int]) -> Stream:
         """Make ``wanted`` (addresses) the streaming group."""

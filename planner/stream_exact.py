@@ -100,7 +100,7 @@ class ExactSchedule(AdaptiveSchedule):
         for axis in self.axes:
             if axis.moving:
                 yield from self._ask(axis, self._stands_ns(axis) - self.timing.command_ns(0))
-                axis.close()
+                axis.close(self.now_ns)
 
     def _ask(self, axis: StepAxis, at_ns: int) -> Stream:
         evidence = yield Exchange(axis.motor.address, NO_OPERATION, send_at_ns=at_ns, bus=self.bus)
@@ -132,7 +132,7 @@ class ExactSchedule(AdaptiveSchedule):
         if piece.turns:
             stands_ns = self._stands_ns(axis)
             if axis.moving:
-                axis.close()
+                axis.close(self.now_ns)
             yield from self.stop_motor(axis, stands_ns - self.timing.command_ns(1))
         data, load = axis.piece_load(piece.period_ns)
         address, rests = axis.motor.address, () if axis.moving else (axis.motor.address,)
@@ -147,7 +147,7 @@ class ExactSchedule(AdaptiveSchedule):
             if axis.motor.address == leader:
                 self.expect_rest(axis, evidence)
             if axis.moving:
-                axis.close()
+                axis.close(self.now_ns)
         window = self.timing.execution_window_ns(evidence.sent_ns, evidence.replied_ns, 0)
         received_ns = evidence.replied_ns - self.timing.reply_ns(0)
         latest_ns = max(window.latest_ns, received_ns + self.timing.start_delay_max_ns)

@@ -137,8 +137,7 @@ class StepLane:
         """
         if self.axis.halts:
             stopped_ns = self.schedule.latest_ns(turn.send_ns + self.timing.worst_ns(COUNT_BYTES), 1)
-            fast = self.axis.twin.fast
-            return 0.0 if fast.left_at(stopped_ns) == fast.left_at(turn.send_ns) else math.inf
+            return 0.0 if self.axis.twin.fast.left_at(stopped_ns) >= self.axis.beyond else math.inf
         if delay_ns <= 0:
             return 0.0
         leg = self.axis.next_leg()

@@ -110,8 +110,13 @@ def test_the_first_steps_after_a_resume_are_on_time(seed: int) -> None:
     assert outcome.violations == {}
 
 
-def test_a_stop_into_a_gap_does_not_come_before_an_axis_that_runs_on() -> None:
+@pytest.mark.parametrize(("jitter_ms", "seed", "steps"), [(0.0, 45, 2.5), (2.0, 21, 8.0)])
+def test_a_stop_into_a_gap_comes_in_time_but_not_before_an_axis_that_runs_on(
+    jitter_ms: float, seed: int, steps: float
+) -> None:
     # Two axes have come to rest with 50 ms to spare; the third would go on for three steps while they are stopped.
-    outcome = one("random 60", 0.0, 45, sweep=False)
-    assert outcome.contour.contour_steps.max <= 2.5
+    # On a slow host there is always something else to mend, and yet the Stop Motor must not miss its gap.
+    outcome = one("random 60", jitter_ms, seed, sweep=False)
+    assert outcome.contour.contour_steps.max <= steps
+    assert outcome.violations == {}
     assert set(outcome.contour.end_error_steps.values()) == {0}
