@@ -211,7 +211,7 @@ def travelling(time_ns: npt.NDArray[np.int64], counts: npt.NDArray[np.int32]) ->
 
 def commands(trace: Trace) -> F8:
     """Command positions of the servo samples in counts, to the last of their 16 fractional bits; f8[S]."""
-    return trace.servo_command + trace.servo_fraction / 65536.0
+    return np.asarray(trace.commanded, dtype=np.float64)
 
 
 def shafts(trace: Trace) -> F8:

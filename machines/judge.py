@@ -99,24 +99,26 @@ def step_runs(trace: Trace) -> StepRuns:
 def trace_pins(
     trace: Trace,
     begins_at: Mapping[str, int],
-    servo_counts: npt.NDArray[np.int32],
+    servo_counts: npt.NDArray[np.int32] | F8,
     lead_ns: Mapping[str, int] | None = None,
 ) -> Pins:
     """Where the motors stood, in the counters that held when the run began.
 
     Homing sets a stepper's counter to zero on the way, which its pulses do not show: the counter that was read back
-    before the run says where the pulses stand. ``servo_counts``: i4[S], command or shaft of the servo samples. A chip
-    shows whole counts; while they change, the truth lies half a count above on average. ``lead_ns``: by motor, how much
-    before its time a command is given (``lag_ms`` of the machine file): it is taken at the instant it is meant for.
+    before the run says where the pulses stand. ``servo_counts``: [S], command or shaft of the servo samples. Of whole
+    counts (i4) the truth lies half a count above on average while they change; f8 is the truth. ``lead_ns``: by motor,
+    how much before its time a command is given (``lag_ms`` of the machine file): it is taken at the instant it is
+    meant for.
     """
     lead_ns = lead_ns or {}
     tracks = []
     for motor in np.flatnonzero(np.bincount(trace.servo_axis)):
         mine = trace.servo_axis == motor
         counts = servo_counts[mine]
-        changes = np.diff(counts, prepend=counts[0]) != 0
+        if counts.dtype.kind == "i":
+            counts = counts + 0.5 * (np.diff(counts, prepend=counts[0]) != 0)
         meant_ns = trace.servo_ns[mine] + lead_ns.get(trace.axes[int(motor)], 0)
-        tracks.append(ServoTrack(int(motor), meant_ns, counts + 0.5 * changes))
+        tracks.append(ServoTrack(int(motor), meant_ns, counts))
     found = pins(step_runs(trace), tracks)
     at = int(np.searchsorted(found.time_ns, trace.plan_start_ns - EARLY_NS))
     stood = found.position[at - 1] if at else trace.start_steps.astype(np.float64)
@@ -141,12 +143,12 @@ def _contours(
     scale = np.array([scale_of(by_name[name]) for name in names])
     reference = reference_of(trajectory, programmed)
 
-    def against(servo_counts: npt.NDArray[np.int32], lead_ns: Mapping[str, int] | None = None) -> Contour:
+    def against(servo_counts: npt.NDArray[np.int32] | F8, lead_ns: Mapping[str, int] | None = None) -> Contour:
         out = trace_pins(trace, outcome.begins_at, servo_counts, lead_ns)
         return compare_pins(reference, out, names, followed, scale, outcome.plan_start_ns)
 
     shaft = against(trace.servo_position) if len(trace.servo_axis) else None
-    return against(trace.servo_command, command_leads_ns(config)), shaft
+    return against(trace.commanded, command_leads_ns(config)), shaft
 
 
 def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:

@@ -179,6 +179,14 @@ class Trace:
     pin_ns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     pin_value: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
+    @property
+    def commanded(self) -> npt.NDArray[np.int32] | npt.NDArray[np.float64]:
+        """Command of the servo samples in counts, [S]: f8 to the last bit, or whole counts if no more is known."""
+        if len(self.servo_fraction) < len(self.servo_command):
+            return self.servo_command
+        exact: npt.NDArray[np.float64] = self.servo_command + self.servo_fraction / 65536.0
+        return exact
+
     def save(
         self,
         path: str | Path,

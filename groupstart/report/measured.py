@@ -74,7 +74,7 @@ def measured_pins(
     if shaft:
         out = trace_pins(trace, outcome.begins_at, trace.servo_position)
     else:
-        out = trace_pins(trace, outcome.begins_at, trace.servo_command, command_leads_ns(config))
+        out = trace_pins(trace, outcome.begins_at, trace.commanded, command_leads_ns(config))
     time_s, q = _of_axes(config, trace, out, tuple(trajectory.axes))
     return measure(trajectory, time_s, q)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from machines.judge import trace_pins
 from machines.thin import thin_servo
 from sim.rawhost import FIRM_GAINS, i32, servos
 from sim.trace import load
@@ -42,3 +43,18 @@ def test_the_fraction_is_saved_thinned_and_may_be_missing(tmp_path):
     old = load(tmp_path / "old.npz")
     assert not len(old.servo_fraction)
     assert not len(thin_servo(old, 10).servo_fraction)
+
+
+def test_a_trace_says_the_command_as_well_as_it_knows_it():
+    trace = moved(7001)
+    assert np.array_equal(trace.commanded * 65536.0, commands(trace))
+    old = replace(trace, servo_fraction=np.zeros(0, np.uint16))
+    assert old.commanded is old.servo_command
+
+
+def test_pins_take_the_truth_as_it_is_and_add_half_a_count_to_whole_ones():
+    trace = moved(7001)
+    exact = trace_pins(trace, {}, trace.commanded).position[:, 0]
+    whole = trace_pins(trace, {}, trace.servo_command).position[:, 0]
+    assert np.array_equal(exact, trace.commanded)
+    assert set(np.unique(whole - trace.servo_command)) == {0.0, 0.5}
