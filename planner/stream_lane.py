@@ -206,7 +206,9 @@ class StepLane:
         axis, schedule = self.axis, self.schedule
         send_ns = turn.send_ns
         if schedule.moving == 1:
-            send_ns = self._calm_ns(send_ns)
+            calm_ns = self._calm_ns(send_ns)
+            if axis.surely_moving_at(schedule.latest_ns(calm_ns, COUNT_BYTES)):
+                send_ns = calm_ns
         execute_ns = schedule.mean_ns(send_ns, COUNT_BYTES)
         data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
         evidence = yield schedule.load(axis, data, send_ns)
