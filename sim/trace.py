@@ -95,7 +95,8 @@ class ServoSamples:
     def add(self, ns: IntArray, command: npt.NDArray[np.int64], position: npt.NDArray[np.int32]) -> None:
         """Append samples: times in ns, command in counts x 65536 (48.16), position in counts."""
         whole, fraction = (command >> 16).astype(np.int32), (command & 0xFFFF).astype(np.uint16)
-        for column, data in zip(self._columns, (ns, whole, position, fraction), strict=True):
+        samples: tuple[npt.NDArray[Any], ...] = (ns, whole, position, fraction)
+        for column, data in zip(self._columns, samples, strict=True):
             column.tail.frombytes(data.tobytes())
             column.settle()
 
