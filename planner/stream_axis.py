@@ -117,6 +117,11 @@ class StepAxis:
         leg = self.next_leg()
         return None if leg is None else leg.instants_ns[0] + self.start_ns
 
+    def turns_before(self, at_ns: int) -> bool:
+        """Its present leg is over by then, most likely, and the next one is due."""
+        first = self.first_step_ns()
+        return first is not None and first < at_ns and (self.leg is None or self.likely_stopped_at(at_ns))
+
     def needs_stop_motor(self) -> bool:
         """A reversal asks for Stop Motor first (PIC-STEP data sheet, section 4.1, note)."""
         leg = self.next_leg()

@@ -24,6 +24,9 @@ from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, PREPARE_NS
 from planner.stream_feedback import HOME_BYTES, Feedback
 from planner.stream_members import Change, cost, next_change
 
+FORESEEN_NS = 9_000_000
+"""Turns of other axes lengthen a slice, and periods are chosen for that, but for no longer time than this: while a path
+speeds up, one period for all of it is more wrong on the way than it is right at the end."""
 TRIM_STEPS = 0.2
 """An axis that runs alone is given a new count when it would get this many steps off its plan without."""
 
@@ -110,6 +113,9 @@ class GroupSchedule(StepSchedule):
         timing = self.timing
         loads = sum(1 for axis in self.axes if axis.moving) * timing.mean_exchange_ns(COUNT_BYTES)
         ahead_ns = timing.mean_exchange_ns(0) + loads + change.commands * timing.mean_exchange_ns(2)
+        turns = sum(1 for axis in self.axes if axis.turns_before(start_ns + ahead_ns))
+        turn_ns = timing.mean_exchange_ns(0) + timing.mean_exchange_ns(1) + timing.mean_exchange_ns(LEG_BYTES)
+        ahead_ns = max(ahead_ns, min(ahead_ns + turns * turn_ns, FORESEEN_NS))
         return ahead_ns + self.feedback.due_at(start_ns) * timing.mean_exchange_ns(1, HOME_BYTES)
 
     def _outside(self) -> int:
