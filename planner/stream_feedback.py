@@ -24,6 +24,7 @@ INTERVAL_NS = 10_000_000
 QUIET_EXCHANGE_NS = 773_000
 """A No Operation on a host without jitter; on a slower one the round costs more and comes less often."""
 POSITION_ITEM, POSITION_BYTES = b"\x01", 4
+"""Status item bit 0: the position, four bytes (PIC-STEP data sheet, section 5.1)."""
 DOUBT_STEPS = 0.4
 """An axis of which so much is unknown after a load (which roll-over took it?) is asked where it is."""
 ASK_AGAIN_NS = 4_000_000

@@ -25,10 +25,8 @@ from planner.stream_base import (
     StepSchedule,
     Stream,
 )
+from planner.stream_feedback import POSITION_BYTES, POSITION_ITEM, READ_STATUS
 
-READ_STATUS = 0x3
-POSITION_ITEM, POSITION_BYTES = b"\x01", 4
-"""Status item bit 0: the position, four bytes (PIC-STEP data sheet, section 5.1)."""
 HALT_NS = 200_000
 """A Stop Motor into a gap is complete this long after the step before it."""
 EARLY_NS = 300_000

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parent))
+from stream_rig import Conditions, brought_up, random_path, stream
 
-from benchmarks.paths import random_path
-from benchmarks.rig import Conditions, bring_up, stream, timing_of
 from nmc.executor import play, stop_all
 from nmc.program import Evidence
-from planner.stream import lead_in_ns, make_source
 from planner.stream_error import StreamError
 from planner.stream_feedback import DOUBT_STEPS, POSITION_ITEM, READ_STATUS
 
@@ -22,10 +20,7 @@ def is_look(evidence: Evidence) -> bool:
 
 def test_who_is_doubtful_is_asked_and_known_then() -> None:
     path, conditions = random_path(3, 60.0, duration_s=3.0), Conditions(2.0, seed=4)
-    _, bus, motors = bring_up(path.axes, conditions)
-    timing = timing_of(conditions)
-    start_ns = bus.link.now_ns() + lead_in_ns(motors, timing)
-    source = make_source(path, motors, timing=timing, start_ns=start_ns, profile="adaptive")
+    bus, source = brought_up(path, conditions, "adaptive")
     axes = {axis.motor.address: axis for axis in source._stream.axes}
     looks = surer = 0
     asked: tuple[int, float] | None = None
@@ -44,14 +39,11 @@ def test_who_is_doubtful_is_asked_and_known_then() -> None:
 
 def test_a_counter_that_no_chip_could_have_ends_the_stream() -> None:
     path, conditions = random_path(3, 60.0, duration_s=3.0), Conditions(2.0, seed=4)
-    _, bus, motors = bring_up(path.axes, conditions)
-    timing = timing_of(conditions)
-    start_ns = bus.link.now_ns() + lead_in_ns(motors, timing)
-    source = make_source(path, motors, timing=timing, start_ns=start_ns, profile="adaptive")
+    bus, source = brought_up(path, conditions, "adaptive")
     axes = {axis.motor.address: axis for axis in source._stream.axes}
 
     evidences = play(bus, source)
-    while bus.link.now_ns() < start_ns + 1_000_000_000:
+    while bus.link.now_ns() < source.plan_start_ns + 1_000_000_000:
         next(evidences)
     for axis in axes.values():  # what was believed is forty steps off all of a sudden
         axis.twin.fast.left += 40
@@ -59,7 +51,7 @@ def test_a_counter_that_no_chip_could_have_ends_the_stream() -> None:
     with pytest.raises(StreamError, match="where its twins exclude it"):
         list(evidences)
     stop_all(bus)
-    assert bus.link.now_ns() < start_ns + 1_100_000_000
+    assert bus.link.now_ns() < source.plan_start_ns + 1_100_000_000
 
 
 @pytest.mark.parametrize("seed", [22, 30])

@@ -5,25 +5,13 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parent))
+from stream_rig import Conditions, random_path, said
 
-from benchmarks.paths import ClosedForm, random_path
-from benchmarks.rig import Conditions, bring_up, timing_of
-from nmc.executor import play
 from nmc.program import Evidence
-from planner.stream import lead_in_ns, make_source
 from planner.stream_axis import LOAD_POSITION, LOAD_TRAJECTORY, MOVING, START_NOW
 from planner.stream_base import SET_ADDRESS, START_MOTION
 from planner.stream_regroup import PARKED_GROUP, STREAMING_GROUP
-
-
-def sent(path: ClosedForm, conditions: Conditions) -> list[Evidence]:
-    """Everything that a stream in ``group`` says and hears."""
-    _, bus, motors = bring_up(path.axes, conditions)
-    timing = timing_of(conditions)
-    start_ns = bus.link.now_ns() + lead_in_ns(motors, timing)
-    source = make_source(path, motors, timing=timing, start_ns=start_ns, profile="group")
-    return list(play(bus, source))
 
 
 def changes_a_slice(told: list[Evidence]) -> list[tuple[int, int, int]]:
@@ -52,7 +40,7 @@ def changes_a_slice(told: list[Evidence]) -> list[tuple[int, int, int]]:
 @pytest.mark.parametrize("jitter_ms", [0.0, 0.2, 2.0])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_slice_pays_for_one_change(jitter_ms: float, seed: int) -> None:
-    slices = changes_a_slice(sent(random_path(seed, 40.0, duration_s=4.0), Conditions(jitter_ms, seed=seed)))
+    slices = changes_a_slice(said(random_path(seed, 40.0, duration_s=4.0), Conditions(jitter_ms, seed=seed), "group"))
     changes = [slice_ for slice_ in slices if slice_[2]]
     assert {left + joined for left, joined, _ in changes} == {1}
     assert {commands for _, _, commands in changes} <= {1, 2}
@@ -61,7 +49,7 @@ def test_a_slice_pays_for_one_change(jitter_ms: float, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_each_group_that_a_start_meets_has_one_leader(seed: int) -> None:
-    told = sent(random_path(seed, 30.0, duration_s=2.0), Conditions(0.2, seed=seed))
+    told = said(random_path(seed, 30.0, duration_s=2.0), Conditions(0.2, seed=seed), "group")
     group_of: dict[int, int] = {}
     leads: dict[int, bool] = {}
     starts = 0
@@ -81,7 +69,7 @@ def test_each_group_that_a_start_meets_has_one_leader(seed: int) -> None:
 
 def test_an_axis_leaves_before_it_must() -> None:
     # steps that are left when it leaves: it ends on counts of its own, not on one that was meant for a slice
-    told = sent(random_path(1, 40.0, duration_s=4.0), Conditions(0.2, seed=1))
+    told = said(random_path(1, 40.0, duration_s=4.0), Conditions(0.2, seed=1), "group")
     left = [
         evidence.status
         for evidence in told
