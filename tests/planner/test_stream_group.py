@@ -7,27 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parent))
+from stream_rig import Conditions, bring_up, line, random_path, said, stream
 
-from benchmarks.paths import ClosedForm, line, random_path
-from benchmarks.rig import Conditions, bring_up, stream, timing_of
+from benchmarks.rig import timing_of
 from nmc.executor import play, stop_all
-from nmc.program import Evidence
 from planner.stream import lead_in_ns, make_source
 from planner.stream_axis import LOAD_TRAJECTORY, START_NOW
 from planner.stream_base import COUNT_BYTES, SET_ADDRESS, START_MOTION, STOP_MOTOR
 from planner.stream_error import StreamError
 from planner.stream_feedback import READ_STATUS, SAVE_HOME
 from planner.stream_regroup import STREAMING_GROUP
-
-
-def sent(path: ClosedForm, conditions: Conditions) -> list[Evidence]:
-    """Everything that a stream says and hears."""
-    _, bus, motors = bring_up(path.axes, conditions)
-    timing = timing_of(conditions)
-    start_ns = bus.link.now_ns() + lead_in_ns(motors, timing)
-    source = make_source(path, motors, timing=timing, start_ns=start_ns, profile="group")
-    return list(play(bus, source))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +47,7 @@ def test_every_member_of_a_start_is_freshly_loaded(jitter_ms: float) -> None:
     fresh: set[int] = set()
     members: set[int] = set()
     starts = 0
-    for evidence in sent(random_path(1, 40.0, duration_s=2.0), Conditions(jitter_ms, seed=3)):
+    for evidence in said(random_path(1, 40.0, duration_s=2.0), Conditions(jitter_ms, seed=3), "group"):
         exchange = evidence.exchange
         if not evidence.sent:
             continue
@@ -78,7 +68,7 @@ def test_every_member_of_a_start_is_freshly_loaded(jitter_ms: float) -> None:
 
 
 def test_counters_are_latched_together_between_two_slices_and_read_one_by_one() -> None:
-    told = sent(random_path(1, 20.0, duration_s=2.0), Conditions(seed=3))
+    told = said(random_path(1, 20.0, duration_s=2.0), Conditions(seed=3), "group")
     pending = latches = reads = 0
     for evidence in told:
         exchange = evidence.exchange
@@ -99,7 +89,7 @@ def test_counters_are_latched_together_between_two_slices_and_read_one_by_one() 
 
 def test_slices_take_what_exchanges_take_on_average() -> None:
     conditions = Conditions(2.0, seed=5)
-    told = sent(line((40.0, 25.0, 15.0), 40.0), conditions)
+    told = said(line((40.0, 25.0, 15.0), 40.0), conditions, "group")
     starts = [evidence.sent_ns for evidence in told if evidence.exchange.command == START_MOTION]
     timing = timing_of(conditions)
     mean_ns = 3 * timing.mean_exchange_ns(COUNT_BYTES) + timing.mean_exchange_ns(0)
