@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from supervised import Supervised
 
 from gcode.setup import Setup
 from machines import bringup
@@ -18,7 +23,7 @@ from machines.wiring import bus_specs
 from nmc.bus import Bus
 from nmc.errors import NmcError
 from nmc.program import Evidence
-from nmc.watchdog import GuardedLink, Phase, Switch, Ward, Watchdog
+from nmc.watchdog import Phase, Switch, Ward, Watchdog
 from sim.build import Simulation, build
 
 SINGLE, TWO = read_machine("mill3-step").config, read_machine("gantry4-twobus")
@@ -93,31 +98,6 @@ def test_without_a_watchdog_on_the_bus_the_error_is_told_at_once() -> None:
     port = Told(fenced=False)
     assert told(port) == f"{MAY_MOVE}: {ERROR}"
     assert port.written == []
-
-
-class Supervised(GuardedLink):
-    """A link under a watchdog as a session finds one on a port."""
-
-    def watch(self, wards: list[Ward], groups: tuple[int, ...], *, timeout_ns: int, baud: int, switches: Any) -> None:
-        self.watchdog = Watchdog(wards, groups, baud=baud, timeout_ns=timeout_ns, switches=switches)
-
-    def arm(self) -> None:
-        self.watchdog.arm(self.inner.now_ns())
-
-    def disarm(self) -> None:
-        self.watchdog.disarm()
-
-    @property
-    def fenced(self) -> bool:
-        return self.watchdog.fenced
-
-    @property
-    def motors_stand(self) -> bool:
-        return self.watchdog.motors_stand
-
-    @property
-    def standing(self) -> bool:
-        return self.watchdog.phase is Phase.STANDING
 
 
 def still(simulation: Simulation) -> bool:

@@ -1,9 +1,14 @@
 """What goes wrong around a running machine: plug pulled, disk full, host that hung. Stop first, then tell all of it."""
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from supervised import Supervised
 
 from gcode.canon import ORIGIN
 from gcode.setup import Setup
@@ -16,7 +21,7 @@ from machines.wiring import bus_specs
 from nmc.bus import Bus
 from nmc.errors import NmcError
 from nmc.program import Evidence
-from nmc.watchdog import GuardedLink, Phase, Ward, Watchdog
+from nmc.watchdog import Watchdog
 from planner.plan import Plan
 from sim.build import Simulation, build
 
@@ -54,31 +59,6 @@ class Port:
             raise NmcError("/dev/ttyUSB0: the port is gone")
         data: bytes = self._inner.read(count, deadline_ns)
         return data
-
-
-class Supervised(GuardedLink):
-    """A link under a watchdog as a session finds one on a port."""
-
-    def watch(self, wards: list[Ward], groups: tuple[int, ...], *, timeout_ns: int, baud: int, switches: Any) -> None:
-        self.watchdog = Watchdog(wards, groups, baud=baud, timeout_ns=timeout_ns, switches=switches)
-
-    def arm(self) -> None:
-        self.watchdog.arm(self.inner.now_ns())
-
-    def disarm(self) -> None:
-        self.watchdog.disarm()
-
-    @property
-    def fenced(self) -> bool:
-        return self.watchdog.fenced
-
-    @property
-    def motors_stand(self) -> bool:
-        return self.watchdog.motors_stand
-
-    @property
-    def standing(self) -> bool:
-        return self.watchdog.phase is Phase.STANDING
 
 
 def on_port(monkeypatch: pytest.MonkeyPatch, wrap: Any) -> tuple[Simulation, Any]:
