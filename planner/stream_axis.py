@@ -34,6 +34,10 @@ OVERSLEPT_NS = 4_000_000
 """An axis that would step this much after its new plan halts instead: Stop Motor, read and start take about as long."""
 SLOW_PERIOD_NS = 2_500_000
 """Steps further apart than this are slow."""
+NEAR = 2
+"""Which roll-over takes a count is in doubt if the nominal one is within this many times the doubt of its execution."""
+BETTER_STEPS = 0.3
+"""What another period must mend more than the one that is right for the nominal chip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +138,11 @@ class StepAxis:
         period_ns = self._aim(execute_ns, target_ns)
         return self._encode(period_ns, None, self.leg_direction(), start_now)
 
+    def best_load(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> tuple[bytes, Load]:
+        """Count-only load, started at once, whose worth ``urgency_steps`` tells."""
+        period_ns, _ = self._choose(execute_ns, horizon_ns, unsure_ns)
+        return self._encode(period_ns, None, self.leg_direction(), start_now=True)
+
     def leg_load(self, execute_ns: int, target_ns: int, start_now: bool) -> tuple[bytes, Load]:
         """Stop position and first count of the next leg, started from rest about ``execute_ns``."""
         leg = self.next_leg()
@@ -192,10 +201,32 @@ class StepAxis:
         next_ns, left = timer.ahead(execute_ns)
         if left <= 1 or next_ns - execute_ns > horizon_ns:
             return 0.0
-        period_ns = max(self._aim(execute_ns, execute_ns + horizon_ns), 1)
-        target_ns = max(execute_ns + horizon_ns, next_ns + min(timer.period_ns, period_ns))
+        return self._choose(execute_ns, horizon_ns, unsure_ns)[1]
+
+    def _choose(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> tuple[int, float]:
+        """The period that a count at ``execute_ns`` should bring, and the steps that it would mend.
+
+        Right for the nominal chip, most often. Where it is in doubt which roll-over takes the count, what would be
+        right if it were the other one is tried as well, and what lies between: the possible chips decide.
+        """
+        timer, mends = self.twin.nominal, self.twin.belief.mends_steps
+        next_ns, left = timer.ahead(execute_ns)
+        end_ns = execute_ns + horizon_ns
+        period_ns = max(self._aim_from(next_ns, left, end_ns), 1)
+        target_ns = max(end_ns, next_ns + min(timer.period_ns, period_ns))
         wanted = self._planned_to_go(target_ns)
-        return self.twin.belief.mends_steps(execute_ns, 2 * unsure_ns, target_ns, wanted, period_ns)
+        most = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, period_ns)
+        doubt_ns, others = NEAR * unsure_ns, []
+        if next_ns - execute_ns < doubt_ns and left > 2 and not self.halts:
+            others.append(self._aim_from(next_ns + timer.period_ns, left - 1, end_ns))
+        if next_ns - execute_ns > timer.period_ns - doubt_ns and not self.halts:
+            others.append(self._aim_from(next_ns - timer.period_ns, left + 1, end_ns))
+        for other_ns in others:
+            for tried_ns in (other_ns, 2 * period_ns * other_ns // (period_ns + other_ns)):
+                value = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, max(tried_ns, 1))
+                if value > most + BETTER_STEPS:
+                    most, period_ns = value, max(tried_ns, 1)
+        return period_ns, most
 
     def _planned_to_go(self, at_ns: int) -> float:
         """Steps to the stop position that the plan has left, with the part of the gap that is not over."""
@@ -221,9 +252,12 @@ class StepAxis:
         little longer: a period that stays in force for one roll-over more than foreseen must not cost more than a few
         steps, and there may be no safe moment left to change it before the leg ends.
         """
+        return self._aim_from(*self.twin.nominal.ahead(execute_ns), target_ns)
+
+    def _aim_from(self, next_ns: int, left: int, target_ns: int) -> int:
+        """The same, if the roll-over that takes the count is at ``next_ns`` with ``left`` steps to go before it."""
         leg = self.leg
         assert leg is not None
-        next_ns, left = self.twin.nominal.ahead(execute_ns)
         due = abs(leg.stop_steps - leg.start_steps) - left
         wanted = len(leg.instants_ns)
         if due >= wanted - 1:

@@ -208,7 +208,8 @@ class StepLane:
             if axis.surely_moving_at(schedule.latest_ns(calm_ns, COUNT_BYTES)):
                 send_ns = calm_ns
         execute_ns = schedule.mean_ns(send_ns, COUNT_BYTES)
-        data, load = axis.count_load(execute_ns, execute_ns + turn.horizon_ns, start_now=True)
+        unsure_ns = schedule.latest_ns(send_ns, COUNT_BYTES) - execute_ns
+        data, load = axis.best_load(execute_ns, turn.horizon_ns, unsure_ns)
         evidence = yield schedule.load(axis, data, send_ns)
         if not evidence.sent:
             schedule.late_slices += 1
