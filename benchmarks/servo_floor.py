@@ -15,7 +15,7 @@ TICK_S = 512e-6
 
 
 def pwm_floor(trajectory: Trajectory, conditions: Conditions) -> float:
-    """Root mean square of the change of PWM a tick; the worst axis, as ``rig.pwm_change_rms``."""
+    """Root mean square of the change of PWM a tick; the worst axis, as ``Outcome.pwm_change_rms``."""
     simulation, _, _ = bring_up(trajectory.axes, conditions)
     ticks = int(trajectory.duration_s / TICK_S)
     plan = trajectory.q(np.arange(ticks + 1) * TICK_S) * conditions.counts_per_mm

@@ -139,9 +139,10 @@ def report(case: Case, outcomes: list[Outcome]) -> str:
     if case.conditions.servos:
         command = [o.contour.contour_um for o in outcomes]
         shaft = max(o.shaft.contour_um.max for o in outcomes)
+        changes = [change for o in outcomes for change in o.pwm_changes_rms]
         figures = (
             f"{max(c.max for c in command):6.1f} {max(c.p999 for c in command):6.1f} um command {shaft:6.1f} shaft"
-            f" PWM {max(o.pwm_change_rms for o in outcomes):4.1f}"
+            f" PWM {np.sqrt(np.mean(np.square(changes))):4.1f} worst axis {max(changes):4.1f}"
         )
     else:
         spreads = [o.contour.contour_steps for o in outcomes]
