@@ -207,7 +207,8 @@ class StepAxis:
         """The period that a count at ``execute_ns`` should bring, and the steps that it would mend.
 
         Right for the nominal chip, most often. Where it is in doubt which roll-over takes the count, what would be
-        right if it were the other one is tried as well, and what lies between: the possible chips decide.
+        right if it were the other one is tried as well, and what lies between: the possible chips decide. There is no
+        roll-over before a leg's first; an axis that halts needs its longest period, whatever takes it.
         """
         timer, mends = self.twin.nominal, self.twin.belief.mends_steps
         next_ns, left = timer.ahead(execute_ns)
@@ -219,7 +220,7 @@ class StepAxis:
         doubt_ns, others = NEAR * unsure_ns, []
         if next_ns - execute_ns < doubt_ns and left > 2 and not self.halts:
             others.append(self._aim_from(next_ns + timer.period_ns, left - 1, end_ns))
-        if next_ns - execute_ns > timer.period_ns - doubt_ns and not self.halts:
+        if next_ns - execute_ns > timer.period_ns - doubt_ns and left < self.twin.belief.steps and not self.halts:
             others.append(self._aim_from(next_ns - timer.period_ns, left + 1, end_ns))
         for other_ns in others:
             for tried_ns in (other_ns, 2 * period_ns * other_ns // (period_ns + other_ns)):

@@ -14,7 +14,7 @@ from nmc.budget import BusTiming, Window
 from planner.motors import StepMotor
 from planner.quantize import period_of_count_ns
 from planner.steptrain import StepTrain
-from planner.stream_axis import BETTER_STEPS, StepAxis
+from planner.stream_axis import BETTER_STEPS, Load, StepAxis
 
 PERIOD_NS = 3_000_000
 HORIZON_NS = 6_000_000
@@ -29,8 +29,7 @@ def departed() -> StepAxis:
     assert leg is not None
     first_ns = leg.instants_ns[0]
     begun = Window(first_ns - PERIOD_NS - 100_000, first_ns - PERIOD_NS + 100_000, first_ns - PERIOD_NS - 100_000)
-    _, load = axis.leg_load(first_ns - PERIOD_NS, first_ns, start_now=True)
-    axis.executed(type(load)(PERIOD_NS, leg), begun)
+    axis.executed(Load(PERIOD_NS, leg), begun)
     return axis
 
 
@@ -62,3 +61,16 @@ def test_the_nominal_chip_decides_in_the_middle_between_two_roll_overs() -> None
     execute_ns = axis.twin.nominal.next_ns + PERIOD_NS // 2
     nominal, _ = axis.count_load(execute_ns, execute_ns + HORIZON_NS, start_now=True)
     assert axis.best_load(execute_ns, HORIZON_NS, UNSURE_NS)[0] == nominal
+
+
+def test_no_roll_over_comes_before_the_first_of_a_single_step() -> None:
+    """A leg of one step has no gaps: nothing but its own instant can be aimed at."""
+    train = StepTrain(line((0.005,), 0.1), StepMotor("X", "X", 0, 1, 200.0, 2))
+    axis = StepAxis(train, BusTiming.at(115200), 0)
+    leg = axis.next_leg()
+    assert leg is not None
+    assert len(leg) == 1
+    begun_ns = leg.instants_ns[0] - PERIOD_NS
+    axis.executed(Load(PERIOD_NS, leg), Window(begun_ns, begun_ns + 200_000, begun_ns))
+    data, _ = axis.best_load(begun_ns + 10_000, HORIZON_NS, UNSURE_NS)
+    assert abs(period_of(data) - PERIOD_NS) < 1_000
