@@ -217,10 +217,13 @@ class StepAxis:
         target_ns = max(end_ns, next_ns + min(timer.period_ns, period_ns))
         wanted = self._planned_to_go(target_ns)
         most = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, period_ns)
+        apart_ns = abs(timer.period_ns - period_ns)
+        if self.halts or apart_ns < BETTER_STEPS * min(timer.period_ns, period_ns):
+            return period_ns, most  # either side is as good
         doubt_ns, others = NEAR * unsure_ns, []
-        if next_ns - execute_ns < doubt_ns and left > 2 and not self.halts:
+        if next_ns - execute_ns < doubt_ns and left > 2:
             others.append(self._aim_from(next_ns + timer.period_ns, left - 1, end_ns))
-        if next_ns - execute_ns > timer.period_ns - doubt_ns and left < self.twin.belief.steps and not self.halts:
+        if next_ns - execute_ns > timer.period_ns - doubt_ns and left < self.twin.belief.steps:
             others.append(self._aim_from(next_ns - timer.period_ns, left + 1, end_ns))
         for other_ns in others:
             for tried_ns in (other_ns, 2 * period_ns * other_ns // (period_ns + other_ns)):
