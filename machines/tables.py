@@ -23,7 +23,7 @@ Integer = Annotated[int, BeforeValidator(whole)]
 class Table(BaseModel):
     """Base of all tables: frozen, strict, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 class ServoTable(Table):

@@ -20,6 +20,7 @@ from nmc.belief_kernel import CHIPS, F8, RATE, ROOT, ROWS, begin, errors, load, 
 from nmc.budget import Window
 
 PPM = 1e-6
+UNKNOWN = -1.0
 FAR_STEPS = 2.0
 """If the distances without and with a load sum up to more, what it mends counts for more in proportion."""
 
@@ -30,7 +31,7 @@ class Belief:
     crystal_ppm: the crystal lies within plus and minus this.
     """
 
-    __slots__ = ("_chips", "_multiplier", "_seen", "steps")
+    __slots__ = ("_arrival_deviation_ns", "_chips", "_multiplier", "_seen", "steps")
 
     def __init__(self, crystal_ppm: int) -> None:
         self.steps = 0
@@ -39,6 +40,7 @@ class Belief:
         self._chips[1:3] = 1.0
         self._seen: tuple[Window, F8] | None = None
         self._multiplier = 1
+        self._arrival_deviation_ns = UNKNOWN
 
     @property
     def rate(self) -> float:
@@ -84,8 +86,10 @@ class Belief:
         return float(spread(self._chips, at_ns))
 
     def arrival_deviation_ns(self) -> float:
-        """Standard deviation of the instant of the last step."""
-        return self.next_deviation_ns(1)
+        """Standard deviation of the instant of the last step; asked for far more often than the chips change."""
+        if self._arrival_deviation_ns == UNKNOWN:
+            self._arrival_deviation_ns = self.next_deviation_ns(1)
+        return self._arrival_deviation_ns
 
     def mends_steps(self, execute_ns: int, width_ns: int, target_ns: int, wanted: float, period_ns: int) -> float:
         """What a load would mend at ``target_ns``, where ``wanted`` steps should be to go; negative if it would harm.
@@ -98,5 +102,7 @@ class Belief:
         return float((without - with_load) * max(1.0, (without + with_load) / FAR_STEPS))
 
     def _turn(self) -> int:
+        """Of what changes the chips: another set of quantiles."""
+        self._arrival_deviation_ns = UNKNOWN
         self._multiplier = self._multiplier * ROOT % CHIPS
         return self._multiplier

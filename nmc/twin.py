@@ -81,7 +81,9 @@ class StepTimerTwin:
     at_once: this chip was measured to make its first step when it is started, not one period later.
     """
 
-    __slots__ = ("_latch", "_superseded", "at_once", "belief", "crystal_ppm", "fast", "nominal", "slow", "steps")
+    __slots__ = (
+        "_latch", "_superseded", "at_once", "belief", "crystal_ppm", "fast", "nominal", "revision", "slow", "steps",
+    )  # fmt: skip
 
     def __init__(self, crystal_ppm: int, at_once: bool = False) -> None:
         self.crystal_ppm = crystal_ppm
@@ -91,6 +93,8 @@ class StepTimerTwin:
         self.slow = StepTimer()
         self.belief = Belief(crystal_ppm)
         self.steps = 0
+        self.revision = 0
+        """Another one after everything that was learnt or sent: what was reckoned before is out of date."""
         self._superseded: list[tuple[int, int]] = []
         self._latch: Latch | None = None
 
@@ -190,11 +194,17 @@ class StepTimerTwin:
 
         A period that was superseded is still running only if it began before that and is longer than the time since.
         """
-        self._superseded = [(p, since_ns) for p, since_ns in self._superseded if p > earliest_ns - since_ns]
-        return max(self.slow.period_ns, *(p for p, _ in self._superseded), 0)
+        longest_ns, kept = max(self.slow.period_ns, 0), []
+        for period_ns, since_ns in self._superseded:
+            if period_ns > earliest_ns - since_ns:
+                kept.append((period_ns, since_ns))
+                longest_ns = max(longest_ns, period_ns)
+        self._superseded = kept
+        return longest_ns
 
     def _follow(self, at_ns: int) -> None:
         """The nominal timer is the mean of the possible chips."""
+        self.revision += 1
         self.nominal.next_ns, self.nominal.period_ns, self.nominal.left = self.belief.mean(at_ns)
 
     def _fast_period(self, period_ns: int) -> int:

@@ -13,10 +13,10 @@ counts can produce. Its end is the axis's next reversal or rest, known before it
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -64,16 +64,18 @@ class Leg:
         return len(self.times_ns)
 
 
-class Train(Protocol):
+class Train(ABC):
     """Where an axis gets its legs from."""
 
     motor: StepMotor
     trajectory: Trajectory
     start_steps: int
 
+    @abstractmethod
     def peek(self) -> Leg | None:
         """The next leg, or None when the train is over."""
 
+    @abstractmethod
     def pop(self) -> Leg:
         """Take the next leg."""
 
@@ -97,7 +99,7 @@ class Samples:
         return found
 
 
-class StepTrain:
+class StepTrain(Train):
     """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk.
 
     from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step

@@ -70,6 +70,8 @@ class StepAxis:
         self.looked_ns = 0
         self.doubt_steps = 0.0
         self._lone: tuple[Leg, int, int] | None = None
+        self._asked: tuple[int, int, int, int] | None = None
+        self._chosen = (0, 0.0)
         self._last_ns = 0
 
     # --- what the axis is doing -----------------------------------------------------------------------------------
@@ -206,6 +208,17 @@ class StepAxis:
     def _choose(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> tuple[int, float]:
         """The period that a count at ``execute_ns`` should bring, and the steps that it would mend.
 
+        Whoever sends a load has asked before what it is worth: that answer is kept until something is learnt or sent.
+        """
+        asked = (self.twin.revision, execute_ns, horizon_ns, unsure_ns)
+        if self._asked != asked:
+            self._chosen = self._best_period(execute_ns, horizon_ns, unsure_ns)
+            self._asked = asked
+        return self._chosen
+
+    def _best_period(self, execute_ns: int, horizon_ns: int, unsure_ns: int) -> tuple[int, float]:
+        """The same, reckoned anew.
+
         Right for the nominal chip, most often. Where it is in doubt which roll-over takes the count, what would be
         right if it were the other one is tried as well, and what lies between: the possible chips decide. There is no
         roll-over before a leg's first; an axis that halts needs its longest period, whatever takes it.
@@ -226,10 +239,11 @@ class StepAxis:
         if next_ns - execute_ns > timer.period_ns - doubt_ns and left < self.twin.belief.steps:
             others.append(self._aim_from(next_ns - timer.period_ns, left + 1, end_ns))
         for other_ns in others:
-            for tried_ns in (other_ns, 2 * period_ns * other_ns // (period_ns + other_ns)):
-                value = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, max(tried_ns, 1))
+            for exact_ns in (other_ns, 2 * period_ns * other_ns // (period_ns + other_ns)):
+                tried_ns = max(exact_ns, 1)
+                value = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, tried_ns)
                 if value > most + BETTER_STEPS:
-                    most, period_ns = value, max(tried_ns, 1)
+                    most, period_ns = value, tried_ns
         return period_ns, most
 
     def _planned_to_go(self, at_ns: int) -> float:
@@ -298,6 +312,7 @@ class StepAxis:
         *halts*: behind the last wanted step the longest count is loaded, and a Stop Motor ends the leg in that gap.
         """
         self.trajectory = trajectory
+        self._asked = None
         leg = self.leg
         if leg is None:
             self.train = self._cut(trajectory, max(self._last_ns, 0), self.position_steps)

@@ -65,14 +65,14 @@ class Feedback:
         """The axis of which least is known, if that is too little and it was not asked just now."""
         now_ns = self.schedule.now_ns
         blur_ns = self.schedule.timing.reply_delay_max_ns // 4
-        axes = [
-            axis
-            for axis in self.axes
-            if axis.doubt_steps > DOUBT_STEPS
-            and axis.doubt_steps * axis.twin.nominal.period_ns > blur_ns
-            and now_ns > axis.looked_ns + ASK_AGAIN_NS
-        ]
-        return max(axes, key=lambda axis: axis.doubt_steps, default=None)
+        most = DOUBT_STEPS
+        found: StepAxis | None = None
+        for axis in self.axes:
+            if axis.doubt_steps <= most or now_ns <= axis.looked_ns + ASK_AGAIN_NS:
+                continue
+            if axis.doubt_steps * axis.twin.nominal.period_ns > blur_ns:
+                most, found = axis.doubt_steps, axis
+        return found
 
     def look(self, axis: StepAxis) -> Stream:
         """Ask one axis for its counter; it is taken between the end of the command and the begin of the answer."""

@@ -7,9 +7,9 @@ A lane has *appointments* (something must be sent at a certain instant, such as 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_left
 from dataclasses import dataclass
-from typing import Protocol
 
 from nmc.budget import BusTiming
 from nmc.program import Exchange
@@ -49,46 +49,56 @@ class Turn:
     horizon_ns: int
 
 
-class Lane(Protocol):
+class Lane(ABC):
     """One axis of an adaptive stream. All instants are link time in ns."""
 
     address: int
     timing: BusTiming
 
     @property
+    @abstractmethod
     def moving(self) -> bool:
         """The axis moves, or may."""
 
     @property
+    @abstractmethod
     def done(self) -> bool:
         """Nothing is left to be sent."""
 
+    @abstractmethod
     def settle(self, now_ns: int) -> None:
         """Take note of what must have happened by now."""
 
+    @abstractmethod
     def appointment_ns(self, horizon_ns: int) -> int | None:
         """When the next thing that must be on time has to be sent."""
 
+    @abstractmethod
     def keep(self, turn: Turn) -> Stream:
         """Send it."""
 
+    @abstractmethod
     def delay_um(self, delay_ns: int, turn: Turn) -> float:
         """How far the axis would get from its plan if its appointment were kept so much later."""
 
+    @abstractmethod
     def worth_um(self, turn: Turn) -> float:
         """How much nearer to its plan a load would bring the axis at the horizon; 0 if none can or need be sent."""
 
+    @abstractmethod
     def mend(self, turn: Turn) -> Stream:
         """Send that load."""
 
+    @abstractmethod
     def chore(self, now_ns: int) -> Said:
         """Send something useful in a free moment."""
 
+    @abstractmethod
     def next_change_ns(self) -> int | None:
         """When the axis will stop by itself, if it will."""
 
 
-class StepLane:
+class StepLane(Lane):
     """A PIC-STEP axis in the adaptive stream."""
 
     def __init__(self, axis: StepAxis, schedule: StepSchedule) -> None:

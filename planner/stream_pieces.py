@@ -19,7 +19,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planner.steptrain import Leg, StepTrain
+from planner.steptrain import Leg, StepTrain, Train
 
 HALF = 0.5
 HASTE = 1.5
@@ -45,7 +45,7 @@ class Slice:
         return Slice(self.from_ns, max(until_ns, self.from_ns + 1), self.run_ns)
 
 
-class PieceTrain:
+class PieceTrain(Train):
     """The legs of a step train, handed out in pieces; ``cut`` decides how far the next one goes."""
 
     def __init__(self, train: StepTrain) -> None:

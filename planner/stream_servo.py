@@ -26,7 +26,7 @@ from planner.motors import ServoMotor
 from planner.quantize import nearest_step
 from planner.stream_axis import LOAD_TRAJECTORY
 from planner.stream_base import AMP_ENABLE, NO_OPERATION, STOP_MOTOR, Said, StepSchedule, Stream
-from planner.stream_lane import Turn
+from planner.stream_lane import Lane, Turn
 from planner.stream_track import Track
 from planner.types import Trajectory
 
@@ -67,7 +67,7 @@ EARLY, EARLY_MAX_NS = 2.0 / 3.0, 3_500_000
 ONE = 1 << FRACTION_BITS
 
 
-class ServoLane:
+class ServoLane(Lane):
     """What both profiles share: the plan in counts, the servo clock, Stop Here."""
 
     def __init__(self, trajectory: Trajectory, motor: ServoMotor, schedule: StepSchedule, start_ns: int) -> None:

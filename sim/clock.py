@@ -13,7 +13,10 @@ _PPB = 10**9
 
 @dataclass(frozen=True, slots=True)
 class ChipClock:
-    """Maps ticks of a chip to world ns. tick_ns: nominal length of a tick; ppb > 0: the crystal runs fast."""
+    """Maps ticks of a chip to world ns. tick_ns: nominal length of a tick; ppb > 0: the crystal runs fast.
+
+    The nominal part and what the crystal adds to it are reckoned apart: so numbers stay below 2^62 for twelve hours.
+    """
 
     tick_ns: int
     ppb: int
@@ -21,11 +24,14 @@ class ChipClock:
 
     def ns_of(self, tick: int) -> int:
         """World time at which tick number ``tick`` happens."""
-        return self.phase_ns + tick * self.tick_ns * _PPB // (_PPB + self.ppb)
+        nominal_ns = tick * self.tick_ns
+        return self.phase_ns + nominal_ns - (nominal_ns * self.ppb + _PPB + self.ppb - 1) // (_PPB + self.ppb)
 
     def tick_at(self, time_ns: int) -> int:
         """Number of the last tick that has happened at ``time_ns``."""
-        return ((time_ns - self.phase_ns + 1) * (_PPB + self.ppb) - 1) // (self.tick_ns * _PPB)
+        since_ns = time_ns - self.phase_ns + 1
+        extra = since_ns * self.ppb + since_ns % self.tick_ns * _PPB - 1
+        return since_ns // self.tick_ns + extra // (self.tick_ns * _PPB)
 
     def span_ns(self, ticks: float) -> float:
         """Length of ``ticks`` ticks in world ns."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
@@ -46,9 +46,9 @@ class _Segment:
     arrivals: list[int]
     start_ns: int
     baud: float
-    clean: Sequence[bool] | None = None
+    clean: Sequence[bool] | None
+    garbled_for: list[Listener]
     next: int = 0
-    garbled_for: list[Listener] = field(default_factory=list)
     announced: bool = False
 
 
@@ -83,7 +83,7 @@ class CommandLine:
         start_ns = max(start_ns, self.free_ns)
         arrivals = arrivals_ns(start_ns, len(data), baud)
         self.free_ns = arrivals[-1]
-        self._queue.append(_Segment(data, arrivals, start_ns, baud, clean))
+        self._queue.append(_Segment(data, arrivals, start_ns, baud, clean, []))
         if len(self._queue) == 1:
             self._begin()
 

@@ -144,15 +144,14 @@ def _program_error(position: F8, time_s: F8, window: tuple[I8, I8], reference: R
     """Largest distance of the pins from the programmed polyline, in units; 0 if none was given."""
     if reference.programmed is None or len(reference.programmed) < 2:
         return 0.0
-    from sim.compare_kernel import distances, follow
+    from sim.compare_kernel import follow, greatest_distance
 
     polyline = np.ascontiguousarray(reference.programmed[:, column])
     segment = follow(np.ascontiguousarray(reference.q[:, column]), polyline, FOLLOW_AHEAD_MM, LOST_MM)
     lower = np.clip(window[0] - 1, 0, len(segment) - 1)
     upper = np.clip(window[1], 0, len(segment) - 1)
     index_s = np.arange(len(polyline), dtype=np.float64)
-    distance, _ = distances(time_s, position, segment[lower], segment[upper] + 1, index_s, polyline)
-    return float(distance.max())
+    return float(greatest_distance(time_s, position, segment[lower], segment[upper] + 1, index_s, polyline))
 
 
 def _moving(reference: Reference, time_s: F8) -> npt.NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nmc.native import native
 
 F8 = npt.NDArray[np.float64]
-
+I8 = npt.NDArray[np.int64]
 
 BLOCK = 8
 """Segments that share one bounding box, and blocks that share one around theirs."""
@@ -87,16 +87,57 @@ def _aside(pins: F8, k: int, knots: F8, i: int, bound: float) -> bool:
     return False
 
 
+@native()
+def _nearest(
+    k: int,
+    time_s: F8,
+    pins: F8,
+    knots_s: F8,
+    knots: F8,
+    low: F8,
+    high: F8,
+    wide_low: F8,
+    wide_high: F8,
+    first: int,
+    last: int,
+    near: int,
+) -> tuple[float, float, int]:
+    """(distance squared, time, segment) of the point between two segments that is nearest to pins[k].
+
+    ``near``: the segment to begin with. Its distance is a bound, and what lies in boxes beyond it is passed over.
+    Rounding may put even that segment's own box beyond it.
+    """
+    best, u = _segment(pins, k, knots, near)
+    best_s, bound = knots_s[near] + u * (knots_s[near + 1] - knots_s[near]), best
+    blocks_from, blocks_to = first // BLOCK, (last - 1) // BLOCK
+    at, near_block, ahead = near, near // BLOCK, blocks_from - 1
+    while ahead <= blocks_to:
+        block = near_block if ahead < blocks_from else ahead
+        ahead += 1
+        if ahead > blocks_from:
+            if block % BLOCK == 0 and _beyond(wide_low, wide_high, block // BLOCK, pins, k, bound):
+                ahead = block + BLOCK
+                continue
+            if block == near_block or _beyond(low, high, block, pins, k, bound):
+                continue
+        for i in range(max(block * BLOCK, first), min((block + 1) * BLOCK, last)):
+            if _aside(pins, k, knots, i, bound):
+                continue
+            d2, u = _segment(pins, k, knots, i)
+            at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
+            if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
+                best, best_s, at = d2, at_s, i
+                bound = min(bound, best)
+    return best, best_s, at
+
+
 @native("UniTuple(f8[::1], 2)(f8[::1], f8[:, ::1], i8[::1], i8[::1], f8[::1], f8[:, ::1])")
-def distances(
-    time_s: F8, pins: F8, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64], knots_s: F8, knots: F8
-) -> tuple[F8, F8]:
+def distances(time_s: F8, pins: F8, first: I8, last: I8, knots_s: F8, knots: F8) -> tuple[F8, F8]:
     """Least distance of pins[k] from the polyline ``knots`` between segments first[k] and last[k].
 
     time_s f8[K], pins f8[K, A], knots_s f8[N], knots f8[N, A]; returns distance f8[K] in the units of the coordinates
     and the time f8[K] of the nearest point (the nearest in time among equals). The search begins where the last pin
-    was nearest: its distance from that segment is a bound, and what lies in boxes beyond it is passed over. Rounding
-    may put even that segment's own box beyond it.
+    was nearest.
     """
     count = len(pins)
     low, high = boxes(knots, BLOCK)
@@ -105,31 +146,28 @@ def distances(
     near = 0
     for k in range(count):
         near = min(max(near, first[k]), last[k] - 1)
-        best, u = _segment(pins, k, knots, near)
-        best_s, bound = knots_s[near] + u * (knots_s[near + 1] - knots_s[near]), best
-        blocks_from, blocks_to = first[k] // BLOCK, (last[k] - 1) // BLOCK
-        at, near_block, ahead = near, near // BLOCK, blocks_from - 1
-        while ahead <= blocks_to:
-            block = near_block if ahead < blocks_from else ahead
-            ahead += 1
-            if ahead > blocks_from:
-                if block % BLOCK == 0 and _beyond(wide_low, wide_high, block // BLOCK, pins, k, bound):
-                    ahead = block + BLOCK
-                    continue
-                if block == near_block or _beyond(low, high, block, pins, k, bound):
-                    continue
-            for i in range(max(block * BLOCK, first[k]), min((block + 1) * BLOCK, last[k])):
-                if _aside(pins, k, knots, i, bound):
-                    continue
-                d2, u = _segment(pins, k, knots, i)
-                at_s = knots_s[i] + u * (knots_s[i + 1] - knots_s[i])
-                if d2 < best or (d2 == best and abs(at_s - time_s[k]) < abs(best_s - time_s[k])):
-                    best, best_s, at = d2, at_s, i
-                    bound = min(bound, best)
-        near = at
+        best, nearest_s[k], near = _nearest(
+            k, time_s, pins, knots_s, knots, low, high, wide_low, wide_high, first[k], last[k], near
+        )
         distance[k] = math.sqrt(best)
-        nearest_s[k] = best_s
     return distance, nearest_s
+
+
+@native("f8(f8[::1], f8[:, ::1], i8[::1], i8[::1], f8[::1], f8[:, ::1])")
+def greatest_distance(time_s: F8, pins: F8, first: I8, last: I8, knots_s: F8, knots: F8) -> float:
+    """The greatest of ``distances``; a pin that is no further from one segment than the greatest so far is not it."""
+    low, high = boxes(knots, BLOCK)
+    wide_low, wide_high = boxes(knots, BLOCK * BLOCK)
+    greatest = 0.0
+    near = 0
+    for k in range(len(pins)):
+        near = min(max(near, first[k]), last[k] - 1)
+        if _segment(pins, k, knots, near)[0] > greatest:
+            best, _, near = _nearest(
+                k, time_s, pins, knots_s, knots, low, high, wide_low, wide_high, first[k], last[k], near
+            )
+            greatest = max(greatest, best)
+    return math.sqrt(greatest)
 
 
 @native("i8[::1](f8[:, ::1], f8[:, ::1], f8, f8)")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.compare import Reference, compare, compare_pins
-from sim.compare_kernel import distances
+from sim.compare_kernel import distances, greatest_distance
 from sim.pulses import Pins, ServoTrack, StepRuns, pins, pulses
 
 
@@ -117,3 +117,15 @@ def test_pins_beside_a_path_whose_own_box_rounds_away_are_still_found() -> None:
         nearest = knots[None, :-1] + np.clip(along, 0.0, 1.0)[:, :, None] * edge
         wanted = np.linalg.norm(pins[:, None] - nearest, axis=2).min(axis=1)
         assert np.allclose(found, wanted, rtol=1e-12, atol=1e-12)
+
+
+def test_the_greatest_distance_is_the_greatest_of_all_distances() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        knots = np.cumsum(rng.normal(0.0, 1.0, (300, 2)), axis=0)
+        at = np.linspace(0.0, 298.9, 900)
+        pins = knots[at.astype(int)] + rng.normal(0.0, rng.uniform(0.0, 3.0), (900, 2))
+        first = np.maximum(at.astype(np.int64) - 20, 0)
+        last = np.minimum(at.astype(np.int64) + 20, 299)
+        every, _ = distances(at, pins, first, last, np.arange(300.0), knots)
+        assert greatest_distance(at, pins, first, last, np.arange(300.0), knots) == every.max()
