@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.pwm import PwmChange, pwm_changes
 from nmc.budget import BusTiming
 from nmc.bus import Bus
 from nmc.executor import play
@@ -61,13 +62,8 @@ class Outcome:
     violations: dict[str, int]
     bus_share: float
     packets: int
-    pwm_changes_rms: tuple[float, ...] = ()
-    """Of each servo from tick to tick while the plan runs, as its filter computes it."""
-
-    @property
-    def pwm_change_rms(self) -> float:
-        """Of the worst servo; 0 without one."""
-        return max(self.pwm_changes_rms, default=0.0)
+    pwm_changes: tuple[PwmChange, ...] = ()
+    """Of each servo while the plan runs."""
 
 
 def module_of(name: str, conditions: Conditions) -> StepModule | ServoModule:
@@ -170,7 +166,7 @@ def stream(
         violations=dict(Counter(v.rule for v in simulation.violations)),
         bus_share=bytes_used * timing.byte_ns / max(end_ns - begin_ns, 1),
         packets=packets,
-        pwm_changes_rms=pwm_changes_rms(simulation.trace(), conditions.gains, start_ns, trajectory.duration_s),
+        pwm_changes=pwm_changes(simulation.trace(), conditions.gains, start_ns, trajectory.duration_s),
     )
 
 
@@ -185,22 +181,6 @@ def contours(trace: Trace, trajectory: Trajectory, motors: Sequence[Motor], star
         for which in (commands(trace), shafts(trace))
     )
     return commanded, shaft
-
-
-def pwm_changes_rms(trace: Trace, gains: Sequence[int], start_ns: int, duration_s: float) -> tuple[float, ...]:
-    """Root mean square of the change of PWM a tick (PIC-SERVO data sheet, section 4.3: Kp e + Kd de, over 256).
-
-    The integral term changes by less than a unit a tick and is left out. One figure a servo.
-    """
-    found = []
-    judged = (trace.servo_ns >= start_ns) & (trace.servo_ns <= start_ns + duration_s * 1e9)
-    for motor in np.unique(trace.servo_axis):
-        mine = judged & (trace.servo_axis == motor)
-        error = trace.servo_command[mine].astype(np.float64) - trace.servo_position[mine]
-        output = np.clip((gains[0] * error[1:] + gains[1] * np.diff(error)) / 256.0, -255.0, 255.0)
-        if len(output) > 1:
-            found.append(float(np.sqrt(np.mean(np.diff(output) ** 2))))
-    return tuple(found)
 
 
 def travelling(time_ns: npt.NDArray[np.int64], counts: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:

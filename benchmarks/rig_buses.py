@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.rig import Conditions, Outcome, contours, module_of, pwm_changes_rms, start_bus, timing_of
+from benchmarks.pwm import pwm_changes
+from benchmarks.rig import Conditions, Outcome, contours, module_of, start_bus, timing_of
 from nmc.bus import Bus
 from nmc.executor import play_together
 from planner.motors import Motor
@@ -86,7 +87,7 @@ def stream_buses(
         violations=dict(Counter(v.rule for v in several.simulation.violations)),
         bus_share=sum(used) / len(buses) * timing.byte_ns / max(end_ns - begin_ns, 1),
         packets=len(busy),
-        pwm_changes_rms=pwm_changes_rms(several.simulation.trace(), conditions.gains, start_ns, trajectory.duration_s),
+        pwm_changes=pwm_changes(several.simulation.trace(), conditions.gains, start_ns, trajectory.duration_s),
         skew=streams.start_skew(),
         overlap=_overlap(busy),
     )

@@ -11,9 +11,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from stream_rig import Conditions, Outcome, circle, helix, random_path, stream
 
-from benchmarks.rig import travelling
-from benchmarks.servo_floor import pwm_floor
+from benchmarks.pwm import signed_pwm
+from benchmarks.rig import bring_up, travelling
+from benchmarks.servo_floor import driven, pwm_floor
 from planner.stream_servo import Pace
+from sim.picservo import PicServo
 
 ALL = ("X", "Y", "Z")
 
@@ -29,7 +31,9 @@ def test_a_smooth_command_keeps_to_the_circle_without_shaking_the_motor(jitter_m
     clean(outcome)
     assert outcome.contour.contour_um.max <= command_um
     assert outcome.shaft.contour_um.max <= 25.0
-    assert 0.0 < outcome.pwm_change_rms <= 20.0
+    *moving, resting = outcome.pwm_changes
+    assert all(0.0 < change.value < change.signed <= 20.0 for change in moving)
+    assert resting.value == resting.signed == 0.0
 
 
 @pytest.mark.parametrize(("seed", "jitter_ms", "command_um"), [(3, 0.0, 2.5), (20, 0.0, 1.8), (7, 2.0, 5.0)])
@@ -44,9 +48,22 @@ def test_the_pwm_is_as_calm_as_under_the_plan_itself() -> None:
     """What is left is the whole counts of encoder and command, which no stream can take away."""
     conditions = Conditions(servos=ALL, seed=104)
     path = random_path(4, 20.0)
-    least = pwm_floor(path, conditions)
-    assert 15.0 < least < stream(path, conditions, "smooth").pwm_change_rms + 0.5
-    assert stream(path, conditions, "smooth").pwm_change_rms <= min(least + 0.5, 20.0)
+    for least, found in zip(pwm_floor(path, conditions), stream(path, conditions, "smooth").pwm_changes, strict=True):
+        assert 15.0 < least.signed < found.signed + 0.5
+        assert found.signed <= min(least.signed + 0.5, 20.0)
+        assert 10.0 < found.value <= least.value + 0.5
+
+
+def test_the_pwm_reckoned_from_a_trace_is_what_the_chip_puts_out() -> None:
+    conditions = Conditions(servos=("X",), seed=3)
+    simulation, _, _ = bring_up(("X",), conditions)
+    steps = (5 * 65536 * np.sin(np.arange(6000) * 0.004)).astype(np.int64)
+    steps[3000:3010] = 60 * 65536  # a jump, so that the output limit is met
+    chip = simulation.modules["X"]
+    assert isinstance(chip, PicServo)
+    pwm, error = driven(chip, steps)
+    assert np.abs(pwm).max() == 255
+    assert (signed_pwm(error, conditions.gains) == pwm).all()
 
 
 @pytest.mark.parametrize(("jitter_ms", "command_um"), [(0.0, 31.0), (2.0, 65.0)])
