@@ -35,6 +35,9 @@ STIR = 0.4
 that their crystals are drawn to the mean (Liu and West, Combined parameter and state estimation in simulation-based
 filtering, 2001: 1 - SHRINK^2 is nearly STIR^2)."""
 STIR_MAX_NS, LEAST_RATE = 20_000.0, 1e-7
+STRAY_MIN_NS = 100_000.0
+"""Chips that agree with nothing that was read are moved by what they are off and up to as much again, at least
+up to this and at most by a period."""
 RISK = 0.5
 """What the worst case counts beside the mean."""
 SMALL_STEPS = 1.0
@@ -150,12 +153,30 @@ def errors(
     return math.sqrt(without / CHIPS), math.sqrt(with_load / CHIPS) + risk
 
 
+@native("UniTuple(f8, 2)(f8[:, ::1], i8, f8, f8)", inline=True)
+def standing(s: F8, i: int, left: float, steps: float) -> tuple[float, float]:
+    """From when till when chip i has ``left`` steps to go."""
+    begin_ns, end_ns = -NEVER, NEVER
+    if left > 0.0:
+        beyond = left - s[LEFT, i]
+        end_ns = s[NEXT, i] - (beyond * s[RUNNING, i] if beyond > 0.0 else beyond * s[PERIOD, i])
+    if left < steps:
+        beyond = left + 1.0 - s[LEFT, i]
+        begin_ns = s[NEXT, i] - (beyond * s[RUNNING, i] if beyond > 0.0 else beyond * s[PERIOD, i])
+    return begin_ns, end_ns
+
+
 @native()
-def _moved(s: F8, then: F8, m: int, at_ns: float, left: float) -> None:
+def _moved(s: F8, then: F8, m: int, first_ns: float, last_ns: float, left: float, steps: float) -> None:
     for i in range(CHIPS):
-        was = ahead(then[NEXT, i], then[RUNNING, i], then[PERIOD, i], then[LEFT, i], at_ns)[2]
-        s[LEFT, i] = max(s[LEFT, i] + left - was, 0.0)
-        s[NEXT, i] += (quantile(i, m) - 0.5) * s[RUNNING, i]
+        begin_ns, end_ns = standing(then, i, left, steps)
+        off_ns = max(first_ns - end_ns, 0.0) - max(begin_ns - last_ns, 0.0)
+        if off_ns != 0.0:
+            further_ns = min(max(abs(off_ns), STRAY_MIN_NS), s[RUNNING, i]) * quantile(i, m)
+            off_ns += math.copysign(further_ns, off_ns)
+        missed = max(np.floor(off_ns / s[RUNNING, i]), 0.0)  # whole steps that were not made
+        s[NEXT, i] += off_ns - missed * s[RUNNING, i]
+        s[LEFT, i] += missed
 
 
 @native()
@@ -172,23 +193,17 @@ def _stir(s: F8, i: int, m: int, rate: float, rate_deviation: float, deviation_n
 def weigh(s: F8, then: F8, m: int, first_ns: float, last_ns: float, left: float, steps: float) -> bool:
     """Somewhere between two instants the chip had ``left`` steps to go; ``then``: the chips as they were known then.
 
-    Chips that agree with more of that time are copied, others go. False if hardly any agrees: then all are moved by
-    what they were off and spread over a period.
+    Chips that agree with more of that time are copied, others go. False if hardly any agrees: then each is moved until
+    it does, and a little more, for what is nearest to what was thought is still the likeliest.
     """
     share = np.empty(CHIPS)
     total = 0.0
     for i in range(CHIPS):
-        end_ns, begin_ns = NEVER, -NEVER
-        if left > 0.0:
-            beyond = left - then[LEFT, i]
-            end_ns = then[NEXT, i] - (beyond * then[RUNNING, i] if beyond > 0.0 else beyond * then[PERIOD, i])
-        if left < steps:
-            beyond = left + 1.0 - then[LEFT, i]
-            begin_ns = then[NEXT, i] - (beyond * then[RUNNING, i] if beyond > 0.0 else beyond * then[PERIOD, i])
+        begin_ns, end_ns = standing(then, i, left, steps)
         total += max(min(last_ns, end_ns) - max(first_ns, begin_ns), 0.0)
         share[i] = total
     if total <= LOST * (last_ns - first_ns) * CHIPS:
-        _moved(s, then, m, 0.5 * (first_ns + last_ns), left)
+        _moved(s, then, m, first_ns, last_ns, left, steps)
         return False
     kept = s.copy()
     rate, rate_deviation = np.mean(s[RATE]), np.std(s[RATE])

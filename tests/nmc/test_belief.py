@@ -95,6 +95,17 @@ def test_what_cannot_be_is_taken_as_seen() -> None:
     assert belief.next_deviation_ns(900) > 200_000
 
 
+def test_a_chip_that_was_thought_a_little_too_early_is_not_lost_by_a_whole_period() -> None:
+    """It rolled over 0.1 ms after it had done so for certain, as was thought: it is known to be late by about that."""
+    belief = Belief(0)
+    belief.start(at(0), 1_600_000, 1_000)
+    belief.latch(at(16_100_000))
+    assert not belief.latched(1_000 - 9)  # the tenth step was certain at 16 ms
+    assert belief.mean(16_100_000)[2] == 1_000 - 9
+    assert 16_100_000 < belief.mean(16_100_000)[0] < 16_250_000
+    assert belief.next_deviation_ns(1_000 - 9) < 40_000
+
+
 def test_nothing_is_learned_across_a_new_start() -> None:
     belief = Belief(0)
     belief.start(at(0), 1_000_000, 100)
