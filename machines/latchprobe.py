@@ -242,10 +242,14 @@ def _delays(starts: Sequence[Seen], first: FirstStep) -> tuple[float, float, flo
 
     The windows of the start and of the step are as wide as host and chip have made them by chance, in the same way on
     both, so the differences of their middles spread around the true delay. Every trial counts by the width of its own.
+    A first step that comes at once is over before the first look at it: then the delay is known to be below that only.
     """
     if first == "unknown":
         return 0.0, 0.0, 0.0
-    wait_ns = [seen.trial.old_ns if first == "period" else 0 for seen in starts]
+    if first == "immediate":
+        most = max(min(seen.steps[0].last_ns - seen.start.first_ns for seen in starts), 0.0) / NS_PER_MS
+        return most / 2, most / sqrt(12.0), 0.0
+    wait_ns = [seen.trial.old_ns for seen in starts]
     delays = [seen.steps[0].middle_ns - seen.start.middle_ns - wait for seen, wait in zip(starts, wait_ns, strict=True)]
     widths = [_width(seen.start) + _width(seen.steps[0]) for seen in starts]
     weights = [1.0 / (width * width) for width in widths]

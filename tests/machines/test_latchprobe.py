@@ -64,6 +64,14 @@ def test_a_slow_host_sees_less_sharply_and_the_same(jitter_ms: float, latch: str
     assert (found.count_latch, found.first_step) == (latch, first)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_delay_of_a_step_that_comes_at_once_is_not_told_more_sharply_than_it_is_seen(seed: int) -> None:
+    found = probe(machine(first_step='"immediate"'), seed)
+    assert found.first_step == "immediate"
+    assert abs(found.delay_ms - 0.125) < 2 * found.delay_error_ms
+    assert found.delay_least_ms <= 0.25
+
+
 def test_the_start_delay_is_measured() -> None:
     delays = {}
     for most in (0.0, 0.5):
