@@ -18,11 +18,12 @@ from machines.outputs_hook import ready_rig, switch_off, switches_of
 from machines.outputs_rules import SPINDLE
 from machines.schema import TWIN, BusTable, MachineConfig, ServoMotorTable, StepMotorTable
 from machines.takeover import found_ready, take_over
-from machines.wiring import bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
+from machines.troubles import servo_troubles, words_of
+from machines.wiring import SERVO_STANDS_WITHIN, bus_specs, motor_tables, nmc_buses, servo_tables, speed_mode
 from nmc.bus import Bus
 from nmc.chips import picservo, picstep
 from nmc.cy545 import Cy545
-from nmc.errors import NmcError
+from nmc.errors import NmcError, RemoteFault
 from nmc.executor import PARKED_GROUP, STREAMING_GROUP, has_motor, stop_together
 from nmc.link import Link
 from nmc.picservo import PicServo
@@ -140,11 +141,13 @@ def bring_up(connection: Connection) -> bool:
     for (name, table), bus in zip(nmc_buses(config).items(), connection.buses, strict=True):
         wanted = expectations(config, name)
         connection.modules[name] = take_over(bus, wanted) if kept else start_up(bus, wanted, table.baud)
-    for axis, step in motor_tables(config).values():
+    for name, (axis, step) in motor_tables(config).items():
         stepper = PicStep(bus_of(connection, step.bus), step.address)
-        _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x", kept)
-    for _, servo in servo_tables(config).values():
-        _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
+        with _named(name):
+            _ready_stepper(stepper, step, f"{speed_mode(config, axis, step)}x", kept)
+    for name, (_, servo) in servo_tables(config).items():
+        with _named(name, servo=True):
+            _ready_servo(PicServo(bus_of(connection, servo.bus), servo.address), servo, kept)
     for indexer in connection.indexers.values():
         kept = indexer.start_up(kept) and kept
     connection.rig = ready_rig(config, connection.buses, connection.simulation is not None)
@@ -184,6 +187,17 @@ def armed(connection: Connection) -> Iterator[None]:
             guard.disarm()
 
 
+@contextmanager
+def _named(motor: str, *, servo: bool = False) -> Iterator[None]:
+    """A fault of a module is told with the name of its motor; ``servo``: and with what has switched it off."""
+    try:
+        yield
+    except RemoteFault as fault:
+        troubles = servo_troubles(fault.status) if servo and fault.status is not None else []
+        words = [f"{words_of([motor], trouble)} ({fault})" for trouble in troubles] or [f"motor {motor}: {fault}"]
+        raise NmcError(words[0]) from fault
+
+
 def set_step_parameters(stepper: PicStep, table: StepMotorTable, mode: str) -> None:
     """Set Parameters as the machine file has them, with speed mode ``mode`` ("1x", "2x", "4x" or "8x")."""
     step = table.step
@@ -214,6 +228,7 @@ def _ready_servo(servo: PicServo, table: ServoMotorTable, kept: bool) -> None:
         servo.stop_motor("abruptly")
     servo.clear_sticky_bits()
     servo.require_ready()
+    servo.bus.arm_faults(servo.address, high=picservo.STATUS_POSITION_ERROR, low=picservo.STATUS_POWER_ON)
     wait_until_steady(servo)
     if not kept:
         servo.reset_position()  # only now: while its amplifier was off, a loaded axis may have slipped
@@ -241,17 +256,23 @@ def park(connection: Connection) -> None:
 def wait_until_steady(servo: PicServo) -> int:
     """Wait until the shaft has come to its command, at most ``STEADY_WITHIN_NS``; returns where it stands.
 
-    When its amplifier comes on under load, an axis sags until the integral term has found the load.
+    When its amplifier comes on under load, an axis sags until the integral term has found the load. Raises RemoteFault
+    if it moves on beyond what a servo at rest may; that it swings a little there is no reason not to start.
     """
     link = servo.bus.link
     deadline_ns = link.now_ns() + STEADY_WITHIN_NS
-    stood = servo.position()
-    since_ns = link.now_ns()
+    stood = near = servo.position()
+    since_ns = near_since_ns = link.now_ns()
     while link.now_ns() - since_ns < STEADY_FOR_NS and link.now_ns() < deadline_ns:
         servo.poll(STEADY_POLL_NS)
         now = servo.position()
         if abs(now - stood) > 1:
             stood, since_ns = now, link.now_ns()
+        if abs(now - near) > SERVO_STANDS_WITHIN:
+            near, near_since_ns = now, link.now_ns()
+    if link.now_ns() - min(since_ns, near_since_ns) < STEADY_FOR_NS:
+        within_s = STEADY_WITHIN_NS / 1e9
+        raise servo.give_up(f"its shaft does not come to rest within {within_s:.0f} s: look at its gains and its load")
     return stood
 
 

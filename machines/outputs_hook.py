@@ -11,7 +11,7 @@ from machines.outputs_source import OutputsSource
 from machines.parts import Part
 from machines.schema import MachineConfig
 from nmc.bus import Bus
-from nmc.errors import NmcError
+from nmc.errors import NmcError, RemoteFault
 from nmc.program import Evidence, Exchange, ExchangeSource
 from nmc.watchdog import Switch
 from nmc.wire import pack
@@ -41,6 +41,9 @@ def switch_off(rig: Rig, buses: Sequence[Bus]) -> None:
     for exchange in off_exchanges(rig):
         try:
             buses[exchange.bus].exchange(exchange)
+        except RemoteFault as fault:
+            if not fault.executed:  # a module that has lost its supply carries this out and says so
+                failed.append(str(fault))
         except NmcError as error:
             failed.append(str(error))
     rig.wanted = dict(rig.panel.levels)

@@ -265,5 +265,6 @@ def _with_places(words: str, positions: dict[str, int] | None, machine: MachineF
     if not positions:
         return words
     by_motor = scales(machine)
-    places = " ".join(f"{name}{steps / by_motor[name]:.3f}" for name, steps in positions.items())
+    spaced = {name: f"{name} " if name[-1].isdigit() else name for name in positions}
+    places = " ".join(f"{spaced[name]}{steps / by_motor[name]:.3f}" for name, steps in positions.items())
     return f"{words}; every motor stands, at {places} (read back)"

@@ -113,6 +113,7 @@ class ServoBench:
         self.asker = asker
         self.trials = 0
         self.home = chip.position()
+        chip.bus.arm_faults(chip.address)  # here a servo that disables itself is a finding, not a fault
 
     def step(self, gains: Gains, step: int, watch_ms: int) -> Response:
         """The answer to a step of ``step`` counts (signed) from the place of rest."""

@@ -30,6 +30,7 @@ from machines.control import Control
 from machines.crystals import calibrated
 from machines.cy545 import stand_ins
 from machines.cy545_homing import home_indexer
+from machines.diagnosis import explained, named, require_sound
 from machines.homing import Homed, home_servo, home_stepper
 from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
@@ -169,6 +170,7 @@ class Session:
         onlookers = Onlookers(progress or _nothing, self.watch, stop_requested, control or Control())
         try:
             begins_at = self._positions()
+            require_sound(self.connection)
             self._require_start(trajectory, begins_at)
             bringup.park(self.connection)
             source = self._source(trajectory, profile)
@@ -180,21 +182,25 @@ class Session:
                 else:
                     self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
                     self.stop()
+            end_ns = self.now_ns
+            positions = self._positions()
+            if streamed.last is None:
+                require_sound(self.connection)
         except (NmcError, StreamError, ValueError) as error:
             line = source.progress().line if source else 0
-            raise self._failed(f"line {line}: {error}" if line else str(error)) from error
+            raise self._failed(error, f"line {line}: " if line else "") from error
         except BaseException as error:
-            self._failed(str(error) or type(error).__name__)
+            self._failed(error)
             raise
         statistics = streamed.statistics
-        statistics.slice_ms = self._slice_ms(statistics.loads, source.plan_start_ns)
+        statistics.slice_ms = self._slice_ms(statistics.loads, end_ns - source.plan_start_ns)
         self._change(State.IDLE if streamed.last is None else State.STOPPED)
         return Outcome(
             finished=streamed.last is None,
             plan_start_ns=source.plan_start_ns,
-            end_ns=self.now_ns,
+            end_ns=end_ns,
             line=source.progress().line,
-            positions=self._positions(),
+            positions=positions,
             begins_at=begins_at,
             statistics=statistics,
             holds=streamed.holds,
@@ -202,10 +208,9 @@ class Session:
             switched=tuple(self.connection.rig.said) if self.connection.rig is not None else (),
         )
 
-    def _slice_ms(self, loads: int, plan_start_ns: int) -> float:
+    def _slice_ms(self, loads: int, span_ns: int) -> float:
         """Mean time between two loads of one motor, whatever profile they belong to."""
-        span_ns = max(self.now_ns - plan_start_ns, 0)
-        return span_ns * len(motors(self.config)) / loads / 1e6 if loads else 0.0
+        return max(span_ns, 0) * len(motors(self.config)) / loads / 1e6 if loads else 0.0
 
     def hold(self, request: str, ask: Callable[[str], bool]) -> None:
         """Wait at rest until ``ask(request)`` answers. Raises SessionError if it says no."""
@@ -239,9 +244,9 @@ class Session:
                 self.note("homed", self.now_ns, axis=axis, spread_steps=homed.spread_steps)
                 done.append(homed)
         except (NmcError, ValueError) as error:
-            raise self._failed(f"homing {axis}: {error}") from error
+            raise self._failed(error, f"homing {axis}: ") from error
         except BaseException as error:
-            self._failed(str(error) or type(error).__name__)
+            self._failed(error)
             raise
         self._change(State.IDLE)
         return done
@@ -319,20 +324,25 @@ class Session:
             link = self.connection.links[0]
             link.sleep_until(link.now_ns() + SETTLE_NS)
 
-    def _failed(self, words: str) -> SessionError:
+    def _failed(self, error: BaseException, where: str = "") -> SessionError:
         """Bring everything to rest after a failure; what the caller is to be told of it, and of a stop that failed.
 
-        A journal that cannot be written, on a full disk perhaps, holds up no stop.
+        A journal that cannot be written, on a full disk perhaps, holds up no stop. What the chips tell of the failure
+        is asked for when all stands.
         """
+        words = where + (named(self._connection, error) if self._connection else str(error))
         self.state = State.FAULTED
         self._note_if_possible("state", state=State.FAULTED.value)
         self._note_if_possible("fault", message=words)
         try:
             rounds, positions = self._stopped()
-        except (NmcError, SessionError) as error:
-            self._note_if_possible("fault", message=str(error))
-            return SessionError(f"{words}; {error}")
+        except (NmcError, SessionError) as second:
+            self._note_if_possible("fault", message=str(second))
+            return SessionError(f"{words}; {second}")
         self._note_if_possible("all_stopped", rounds=rounds, positions=positions)
+        if isinstance(error, NmcError | StreamError):
+            words = where + explained(self.connection, error)
+            self._note_if_possible("told", message=words)
         return SessionError(words, positions)
 
     def _note_if_possible(self, event: str, **fields: Any) -> None:

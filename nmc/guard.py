@@ -143,7 +143,8 @@ class Guard:
         if replier is not None and status is not None:
             replier.answered(command, data, status, extra)
             fault = replier.judge(status)
-            if fault is not None and command not in (STOP_MOTOR, READ_STATUS):
+            stops = command == STOP_MOTOR and len(data) == 1  # with a position it leads the motor (Stop Here)
+            if fault is not None and not stops and command != READ_STATUS:
                 raise fault
 
     def lost(self, exchange: Exchange) -> None:
