@@ -6,6 +6,7 @@ the wrong type are skipped here: the schema reports them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -14,12 +15,12 @@ from machines.cy545rates import STAND_IN, read_rates
 from machines.outputs_rules import members as spindle_members
 from machines.outputs_rules import output_checks
 from machines.usercommands import user_command_checks
+from nmc.chips.picstep import SPEED_MODES, STEP_RATE_MAX_HZ
 
 Found = tuple[tuple[str, ...], str, str]
 """Key path, message, hint."""
 
 AXIS_NAMES = "XYZABCUVW"
-_MAX_STEPS_S = 50_000  # PIC-STEP data sheet, section 1.0
 
 
 def cross_checks(data: Mapping[str, Any]) -> Iterator[Found]:
@@ -91,15 +92,39 @@ def _addresses(data: Mapping[str, Any]) -> Iterator[Found]:
 
 
 def _rates(data: Mapping[str, Any]) -> Iterator[Found]:
-    """A PIC-STEP gives at most 50,000 steps a second."""
-    for name, table in _table(data, "axis").items():
-        if not isinstance(table, dict) or table.get("chip") != "pic-step":
+    """The step rate at an axis's greatest velocity is one that the chip, and the speed mode named for it, can give.
+
+    A mode's greatest rate is that of timer count 65452 (data sheet section 4.1). An axis led faster than that would
+    fall behind its plan and end short by the steps that it has missed.
+    """
+    axes = _table(data, "axis")
+    for path, table in _members(data):
+        axis = table if path[0] == "axis" else axes.get(str(table.get("axis")))
+        if table.get("chip") != "pic-step" or not isinstance(axis, dict):
             continue
-        velocity, scale = _number(table.get("max_velocity")), _number(table.get("steps_per_unit"))
-        if velocity is None or scale is None or abs(velocity * scale) <= _MAX_STEPS_S:
+        velocity, scale = _number(axis.get("max_velocity")), _number(table.get("steps_per_unit"))
+        if velocity is None or scale is None:
             continue
-        message = f"{velocity:g} a second at {scale:g} steps each are {abs(velocity * scale):,.0f} steps/s"
-        yield ("axis", name, "max_velocity"), message, f"a PIC-STEP gives at most {_MAX_STEPS_S:,} steps/s"
+        rate_hz = abs(velocity * scale)
+        message = f"{velocity:g} a second at {scale:g} steps each are {rate_hz:,.0f} steps/s"
+        if rate_hz > STEP_RATE_MAX_HZ:
+            key = "max_velocity" if path[0] == "axis" else "steps_per_unit"
+            yield (*path, key), message, f"a PIC-STEP gives at most {STEP_RATE_MAX_HZ:,} steps/s"
+            continue
+        step = table.get("step")
+        mode = step.get("speed_mode") if isinstance(step, dict) else None
+        if isinstance(mode, str) and mode in SPEED_MODES and rate_hz > SPEED_MODES[mode].rate_max_hz:
+            message = f"speed mode {mode} gives at most {SPEED_MODES[mode].rate_max_hz:,.0f} steps/s, but {message}"
+            reach = next(name for name, each in SPEED_MODES.items() if rate_hz <= each.rate_max_hz)
+            slower = _rounded_down(SPEED_MODES[mode].rate_max_hz / abs(scale))
+            whose = "max_velocity" if path[0] == "axis" else f"max_velocity of [axis.{table.get('axis')}]"
+            yield (*path, "step", "speed_mode"), message, f'write "{reach}" or "auto", or {whose} at most {slower:g}'
+
+
+def _rounded_down(value: float) -> float:
+    """Three digits of a number, not more than it."""
+    digits = 2 - math.floor(math.log10(value))
+    return math.floor(value * 10.0**digits) / 10.0**digits
 
 
 def _references(data: Mapping[str, Any]) -> Iterator[Found]:

@@ -117,6 +117,32 @@ def test_a_mistake_is_told_with_its_key(old: str, new: str, key: str, words: str
     assert words in found.get(key, ""), found
 
 
+@pytest.mark.parametrize(
+    ("mode", "velocity", "cure"),
+    [("1x", 12, '"2x"'), ("2x", 23, '"4x"'), ("4x", 43, '"8x"')],
+)
+def test_a_speed_mode_that_does_not_reach_the_axis_s_speed_is_refused(mode: str, velocity: int, cure: str) -> None:
+    text = edited("max_velocity = 10", f"max_velocity = {velocity}")
+    [error] = errors_of(f'{text}[axis.X.step]\nspeed_mode = "{mode}"\n')
+    assert (error.line, error.key) == (14, "axis.X.step.speed_mode")
+    assert f"speed mode {mode} gives at most" in error.message
+    assert f"{velocity * 640:,} steps/s" in error.message
+    assert cure in error.hint
+    slower = error.hint.rpartition(" ")[2]
+    for good in (text.replace(f"max_velocity = {velocity}", f"max_velocity = {slower}"), text):
+        kept = mode if slower in good else cure.strip('"')
+        parse_machine(f'{good}[axis.X.step]\nspeed_mode = "{kept}"\n', "m.toml")
+
+
+def test_the_rate_of_a_further_motor_is_checked_as_well() -> None:
+    second = '[motor.X2]\naxis = "X"\nchip = "pic-step"\nbus = "main"\naddress = 2\nsteps_per_unit = {}\n{}'
+    [fast] = errors_of(GOOD + second.format(6000, ""))
+    assert (fast.key, fast.line) == ("motor.X2.steps_per_unit", 18)
+    [slow] = errors_of(GOOD + second.format(1280, 'step.speed_mode = "1x"\n'))
+    assert (slow.key, slow.line) == ("motor.X2.step.speed_mode", 19)
+    assert "max_velocity of [axis.X] at most 5.67" in slow.hint
+
+
 def test_two_modules_of_one_address_are_refused_where_the_second_stands() -> None:
     second = GOOD[GOOD.index("[axis.X]") :].replace("[axis.X]", "[axis.Y]")
     [error] = errors_of(GOOD + second)
