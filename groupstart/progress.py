@@ -64,6 +64,10 @@ class RunProgress:
         else:
             self._bar.console.print(words, highlight=False)
 
+    def warn(self, words: str) -> None:
+        """A warning above the bar."""
+        self.say(f"warning: {words}")
+
     def show(self, status: RateStatus) -> None:
         """Show whether the machine is held, and overrides."""
         if self._bar is not None:

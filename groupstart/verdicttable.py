@@ -17,9 +17,13 @@ def print_verdict(verdict: Verdict) -> None:
     for what, value in verdict_rows(verdict):
         table.add_row(what, value)
     console.print(table)
+    for warning in verdict.warnings:
+        console.print(f"warning: {warning}", style="yellow")
     if verdict.ok:
         words = (
-            "the motion is the plan, to the step" if verdict.sim_time_s is not None else "every axis ended on its step"
+            f"within {verdict.contour_steps.max:.2f} steps of the plan, and every axis ended on its step"
+            if verdict.contour_steps is not None
+            else "every axis ended on its step; how near the path was between is not known on a port"
         )
         console.print(f"GO: {words}", style="bold green")
     else:
@@ -51,6 +55,9 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
             f"{verdict.late_slices} late",
         )
     )
+    fed = "  ".join(f"{bus}: {profile}" for bus, profile in verdict.profiles.items())
+    if fed:
+        rows.append(("profile", fed))
     if verdict.outputs is not None:
         off = verdict.outputs
         words = f"{off.changes} changes, at most {off.off_ms_max:.2f} ms off, rms {off.off_ms_rms:.2f} ms"

@@ -12,7 +12,7 @@ from typing import cast
 
 from machines.cy545 import cy545_tables
 from machines.schema import TWIN, MachineConfig, StepMotorTable
-from machines.wiring import motor_tables, motors, servo_tables
+from machines.wiring import motor_tables, motors, nmc_buses, servo_tables
 from planner.motors import ServoMotor
 from planner.stream import PROFILES, Profile
 
@@ -42,6 +42,28 @@ def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: 
     if has_servos or chosen not in ("stop-here", "smooth"):
         return chosen
     return _step_profile(config, simulated)
+
+
+def streamed_as(config: MachineConfig, bus: int, chosen: Profile, simulated: bool) -> Profile:
+    """What the stream of a bus makes of a profile: that of its servos, beside which steppers are led ``adaptive``.
+
+    One of a kind that the bus has none of leaves those that it has at their default.
+    """
+    here = profile_of_bus(config, bus, chosen, simulated)
+    if any(isinstance(motor, ServoMotor) for motor in motors(config) if motor.bus == bus):
+        return "smooth" if here == "smooth" else "stop-here"
+    return here if here in ("adaptive", "exact") else "group"
+
+
+def profiles_used(config: MachineConfig, wanted: str, simulated: bool) -> dict[str, str]:
+    """The profile that feeds each bus with motors, by its name. Raises ValueError as ``choose_profile``."""
+    chosen = choose_profile(config, wanted, simulated)
+    driven = {motor.bus for motor in motors(config)}
+    return {
+        name: streamed_as(config, number, chosen, simulated)
+        for number, name in enumerate(nmc_buses(config))
+        if number in driven
+    }
 
 
 def _step_profile(config: MachineConfig, simulated: bool) -> Profile:

@@ -10,6 +10,8 @@ import numpy as np
 
 from gcode.canon import AXES, Position
 from machines.bringup import is_simulated
+from machines.busload import Load, overload
+from machines.cautions import cautions
 from machines.control import Control
 from machines.job import Job
 from machines.judge import judge
@@ -17,8 +19,10 @@ from machines.load import MachineFile
 from machines.outcome import Outcome, StreamStatistics
 from machines.outputs_judge import with_outputs_judged
 from machines.parts import Part, parts_of, request
+from machines.profiles import profiles_used
 from machines.programmed import programmed_path
 from machines.questions import NOBODY_READS, questions
+from machines.schema import MachineConfig
 from machines.session import Note, Session, SessionError
 from machines.verdict import Verdict
 from machines.wiring import every_motor, planned_axes, scale_of, stands_within
@@ -49,6 +53,8 @@ class RunOptions:
     """Told of every exchange on the twin, to make something go wrong there."""
     control: Control | None = None
     """Hold, resume, override, stop."""
+    warn: Callable[[str], None] | None = None
+    """Told in words, before anything moves, what the plan asks of a bus that cannot follow."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -93,6 +99,7 @@ def perform(
     if asked is not None:
         return RunResult(job, plan, None, None, None, (), {}, f"line {asked[0]}: {NOBODY_READS}; nothing has moved")
     outcome: Outcome | None = None
+    load: Load | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
         session.watch = partial(_told, session, options)
@@ -103,6 +110,7 @@ def perform(
             if options.home:
                 session.home(options.home)
             job, plan = _from_here(session, job, plan, replan)
+            load = _overload(config, plan, options)
             plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
             fault = _with_places(str(error), error.positions, machine)
@@ -118,7 +126,20 @@ def perform(
     counts = simulation.log.counts() if simulation else {}
     verdict = judge(config, plan, outcome, trace, counts, programmed)
     verdict = with_outputs_judged(verdict, config, outcome.switched, trace, outcome.plan_start_ns)
+    profiles = profiles_used(config, options.profile, is_simulated(config, options.port))
+    verdict = replace(verdict, profiles=profiles, warnings=cautions(verdict, load))
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
+
+
+def _overload(config: MachineConfig, plan: Plan, options: RunOptions) -> Load | None:
+    """What the plan asks too much of a bus, told before anything moves."""
+    try:
+        load = overload(config, plan.trajectory, options.profile, is_simulated(config, options.port))
+    except ValueError as error:
+        raise SessionError(str(error)) from None
+    if load is not None and options.warn is not None:
+        options.warn(load.words())
+    return load
 
 
 def _run_parts(

@@ -97,12 +97,17 @@ class Verdict:
     holds: tuple[HoldRecord, ...] = ()
     host: HostUse | None = None
     outputs: OutputUse | None = None
+    profiles: dict[str, str] = field(default_factory=dict)
+    """How each bus was fed, by its name."""
+    warnings: tuple[str, ...] = ()
+    """What is no reason against the run, but should be known."""
 
     def as_json(self) -> dict[str, Any]:
         """The fields as ``verify --json`` prints them."""
         data = asdict(self)
         data["axes"] = list(self.axes)
         data["reasons"] = list(self.reasons)
+        data["warnings"] = list(self.warnings)
         if self.motor_contour_um is None:
             del data["motor_contour_um"]  # steppers have no shaft of their own
         data["holds"] = list(data["holds"])

@@ -38,7 +38,8 @@ def show(machine: str, as_json: bool) -> None:
 @click.argument("machine", nargs=-1, required=True, metavar="NAME|PATH ...")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each mistake.")
 def check(machine: tuple[str, ...], as_json: bool) -> None:
-    """Check machine files; print every mistake with key and line."""
+    """Check machine files; print every mistake with key and line, and warn of a bus too slow for its axes."""
+    from machines.busload import possible_overload
     from machines.errors import MachineError, MachineMissingError
     from machines.load import read_machine
 
@@ -56,5 +57,9 @@ def check(machine: tuple[str, ...], as_json: bool) -> None:
         else:
             axes = " ".join(f"{axis}:{table.chip}" for axis, table in config.axis.items())
             click.echo(f"{name}: good ({axes})", err=as_json)
+            simulated = all(bus.port == "sim" for bus in config.bus.values())
+            load = possible_overload(config, simulated)
+            if load is not None:
+                click.echo(f"{name}: warning: where all axes move at once, {load.words()}", err=True)
     if bad:
         raise VerbError(f"{bad} of {len(machine)} machine files refused", EXIT_REFUSED)

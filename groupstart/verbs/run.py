@@ -129,7 +129,7 @@ def run_in(
             with progress.aside(), keys.aside():
                 return options.ask is not None and options.ask(request)
 
-        options = replace(options, control=keys)
+        options = replace(options, control=keys, warn=progress.warn)
         return perform(
             job,
             plan,

@@ -38,7 +38,8 @@ def command(
 ) -> None:
     """Run FILE on the simulated machine and judge what comes out of its pins.
 
-    The same bytes go to the simulator as would go to the chips. Exit status 0 if the verdict is good, 1 if not.
+    The simulator is given the bytes that chips would be given if they were fed with the same profile and answered after
+    the same times; the verdict names the profile. Exit status 0 if the verdict is good, 1 if not.
     """
     from machines.runner import RunOptions, perform
     from machines.thin import thin_servo
@@ -51,8 +52,9 @@ def command(
     from groupstart.progress import RunProgress
     from groupstart.stopflag import StopFlag
 
-    options = report.watched(RunOptions(port="sim", seed=seed, profile=profile), plan)
-    with RunProgress(plan.trajectory.duration_s, len(text.splitlines())) as progress, StopFlag() as stop:
+    progress = RunProgress(plan.trajectory.duration_s, len(text.splitlines()))
+    options = report.watched(RunOptions(port="sim", seed=seed, profile=profile, warn=progress.warn), plan)
+    with progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     if trace is not None and result.trace is not None:
         thin_servo(result.trace, servo_every).save(trace)

@@ -1,0 +1,26 @@
+"""What a verdict warns of: a bus that is too slow for its plan, and slices that began late."""
+
+from __future__ import annotations
+
+from machines.busload import Load
+from machines.verdict import Verdict
+
+LATE_MANY = 20
+LATE_PER_S = 1.0
+"""So many late slices, and more a second than this, are told in words."""
+
+
+def cautions(verdict: Verdict, load: Load | None) -> tuple[str, ...]:
+    """Warnings in words. ``load``: what was estimated of the buses; on the twin the measured contour knows better."""
+    found = []
+    known_good = verdict.contour_steps is not None and not any(
+        reason.startswith("contour error") for reason in verdict.reasons
+    )
+    if load is not None and not known_good:
+        found.append(load.words())
+    late, time_s = verdict.late_slices, max(verdict.plan_time_s, 1e-9)
+    if late >= LATE_MANY and late / time_s > LATE_PER_S:
+        cost = "is in the contour error" if verdict.contour_steps is not None else "was not measured"
+        many = f"{late} slices began late, {late / time_s:.0f} a second"
+        found.append(f"{many}: what they need had not been said in time; what that cost {cost}")
+    return tuple(found)
