@@ -25,13 +25,13 @@ from machines.questions import NOBODY_READS, questions
 from machines.schema import MachineConfig
 from machines.session import Note, Session, SessionError
 from machines.verdict import Verdict
-from machines.wiring import every_motor, planned_axes, scale_of, stands_within
+from machines.wiring import every_motor, motors, planned_axes, scale_of, stands_within
 from nmc.program import Evidence
 from planner.motors import ServoMotor
 from planner.plan import Plan
 from planner.retime import RetimablePlan, rehearse
 from planner.stream import Progress
-from planner.types import Trajectory
+from planner.types import Trajectory, nobody_asks
 from sim.build import Simulation
 from sim.trace import Trace
 from sim.violations import Violation
@@ -105,7 +105,7 @@ def perform(
         session.watch = partial(_told, session, options)
         try:
             if not is_simulated(config, options.port):
-                rehearse(plan)
+                rehearse(plan, motors(config))
             session.connect()
             if options.home:
                 session.home(options.home)
@@ -159,7 +159,8 @@ def _run_parts(
             trajectory, profile=options.profile, progress=told, stop_requested=stop_requested, control=options.control
         )
 
-    whole = retimable(plan)
+    alive = session.connection.alive
+    whole = retimable(plan, alive=alive)
     parts = (
         [] if session.simulation is not None else list(parts_of(plan.trajectory, session.config.spindle is not None))
     )
@@ -180,19 +181,22 @@ def _run_parts(
         def shifted(inner: Progress, begin_s: float = part.begin_s) -> None:
             progress(replace(inner, time_s=inner.time_s + begin_s, duration_s=plan.trajectory.duration_s))
 
-        outcomes.append(run(retimable(plan, part), shifted))
+        outcomes.append(run(retimable(plan, part, alive), shifted))
         if not outcomes[-1].finished:
             break
     return plan, _joined(outcomes)
 
 
-def retimable(plan: Plan, part: Part | None = None) -> Trajectory:
-    """The plan, or a part of it, so that it can be held and overridden, if it can be."""
+def retimable(plan: Plan, part: Part | None = None, alive: Callable[[], None] = nobody_asks) -> Trajectory:
+    """The plan, or a part of it, so that it can be held and overridden, if it can be.
+
+    ``alive``: called between bounded pieces of what that takes.
+    """
     if plan.setting is None:
         return plan.trajectory if part is None else part
     if part is None:
-        return RetimablePlan(plan)
-    return RetimablePlan(plan, part, part.begin_s, part.own)
+        return RetimablePlan(plan, alive=alive)
+    return RetimablePlan(plan, part, part.begin_s, part.own, alive)
 
 
 def _joined(outcomes: list[Outcome]) -> Outcome:

@@ -296,7 +296,9 @@ class Session:
         lead_ns = lead_in_ns(driven, timing)
 
         def make(stretch: Trajectory, start_ns: int) -> StreamSource:
-            return make_source(stretch, driven, timing=timing, start_ns=start_ns, profile=chosen)
+            return make_source(
+                stretch, driven, timing=timing, start_ns=start_ns, profile=chosen, alive=self.connection.alive
+            )
 
         if not has_index_moves(trajectory):
             return make(trajectory, self.now_ns + lead_ns)

@@ -42,7 +42,9 @@ def bus_streams(connection: Connection, trajectory: Trajectory, profile: str, no
         note("profile", now_ns, profile=profiles[bus], bus=name)
     driven = calibrated(config, connection.place)
     start_ns = now_ns + lead_in_of_buses_ns(driven, timings)
-    return make_sources(trajectory, driven, timings=timings, start_ns=start_ns, profiles=profiles)
+    return make_sources(
+        trajectory, driven, timings=timings, start_ns=start_ns, profiles=profiles, alive=connection.alive
+    )
 
 
 def played(

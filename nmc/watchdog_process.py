@@ -5,9 +5,10 @@
           |                                        ^
           +- heartbeat, armed, fenced, ... in shared words --+
 
-The heartbeat is a time in shared memory, written at every call of the link. Fencing is exact: the host looks at the
-fence and hands its bytes over under one lock, and the child takes that lock before it raises the fence. A killed host
-loses its lock; a host that hangs inside a write is waited for ``LOCK_PATIENCE_NS`` only.
+The heartbeat is a time in shared memory, written at every call of the link, and by ``beat`` between two bounded pieces
+of a longer reckoning: never by a thread of its own, for a host that hangs has to be noticed. Fencing is exact: the host
+looks at the fence and hands its bytes over under one lock, and the child takes that lock before it raises the fence. A
+killed host loses its lock; a host that hangs inside a write is waited for ``LOCK_PATIENCE_NS`` only.
 """
 
 from __future__ import annotations
@@ -175,7 +176,8 @@ class SupervisedLink:
         """The monotonic clock."""
         return self._link.now_ns()
 
-    def _beat(self) -> None:
+    def beat(self) -> None:
+        """The host lives: it has come to the end of a bounded piece of work."""
         if self._armed:
             self._words.put(_BEAT, self._link.now_ns())
 
@@ -186,14 +188,14 @@ class SupervisedLink:
         with self._words.locked():
             if self.fenced:
                 raise NmcError("the watchdog has stopped the machine and holds the bus")
-            self._beat()
+            self.beat()
             self._link.write(data)
 
     def read(self, count: int, deadline_ns: int) -> bytes:
         """Wait for bytes; waiting is being alive."""
         data = b""
         while True:
-            self._beat()
+            self.beat()
             step_ns = min(deadline_ns, self._link.now_ns() + 5 * PERIOD_NS)
             data += self._link.read(count - len(data), step_ns)
             if len(data) >= count or self._link.now_ns() >= deadline_ns:
@@ -201,7 +203,7 @@ class SupervisedLink:
 
     def receive(self, count: int) -> bytes:
         """Take what is in; looking is being alive."""
-        self._beat()
+        self.beat()
         return self._link.receive(count)
 
     @property
@@ -217,7 +219,7 @@ class SupervisedLink:
     def sleep_until(self, time_ns: int) -> None:
         """Sleep; sleeping here is being alive."""
         while (now := self._link.now_ns()) < time_ns:
-            self._beat()
+            self.beat()
             self._link.sleep_until(min(time_ns, now + 5 * PERIOD_NS))
 
     def set_baud(self, baud: int) -> None:

@@ -74,6 +74,10 @@ class FilteredTrajectory:
         window = self.base.integral(t, self._sums) - self.base.integral(t - self.tau_s, self._sums)
         return np.asarray(window / self.tau_s)
 
+    def coordinate(self, t_s: F8, column: int) -> F8:
+        """Positions f8[len(t)] of one axis."""
+        return self.q(t_s)[:, column]
+
     def v(self, t_s: F8) -> F8:
         """Velocities f8[len(t), A], mm/s."""
         t = _clamped(t_s, self.duration_s)

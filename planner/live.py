@@ -10,13 +10,13 @@ caps are met. The rest of a hold is known before it happens.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from gcode.canon import Command, MoveBlock, Text
+from gcode.canon import Command, MoveBlock
 from planner import kernel, timeline
 from planner.braking import hardest, where_met
 from planner.errors import PlanError
@@ -24,13 +24,13 @@ from planner.jerk import FilteredTrajectory
 from planner.kinematics import Kinematics
 from planner.paths import cut, divide, join_intervals, resting
 from planner.plan import BATCH_MOVES, Setting, setting_of
-from planner.reader import FEED_OVERRIDE
+from planner.reader import switch_of
 from planner.rotary_table import RotaryTable
 from planner.stages import Chunk, chunks
 from planner.timeline import Timeline
 from planner.timing import NodeMark, Pieces, Rate, Timed, corner_caps, schedule, speed_cap
 from planner.trajectory import PathTrajectory, path_trajectory
-from planner.types import F8, I4, Event, Intervals, Limits
+from planner.types import F8, I4, Event, Intervals, Limits, nobody_asks
 
 SNAP_MM = 1e-9
 """a state nearer than this to a node is at the node."""
@@ -52,19 +52,13 @@ class LiveTrajectory:
     comes to a command that cannot be planned.
     """
 
-    def __init__(
-        self,
-        commands: Iterable[Command | MoveBlock],
-        setting: Setting,
-        moves: int = BATCH_MOVES,
-    ) -> None:
+    def __init__(self, commands: Iterable[Command | MoveBlock], setting: Setting, moves: int = BATCH_MOVES) -> None:
         self._setting = setting
         self._source: Iterator[tuple[Chunk, bool]] = chunks(commands, setting.start, setting.rules, moves)
         self._path = resting(setting.start)
         self._marks: list[NodeMark] = []
         self._scheduled = -1
-        self._node = 0
-        self._x = 0.0
+        self._node, self._x = 0, 0.0
         self._ended = False
         self._line = Timeline(0.0, timeline.no_pieces())
         self._held = False
@@ -72,6 +66,7 @@ class LiveTrajectory:
         self._view: PathTrajectory | FilteredTrajectory | None = None
         self._fixed_before = False
         self.rate = Rate()
+        self.alive: Callable[[], None] = nobody_asks  # between stages, each some 0.03 us an interval
 
     @classmethod
     def planned(cls, setting: Setting, path: Intervals, marks: Sequence[NodeMark], line: Timeline) -> LiveTrajectory:
@@ -124,6 +119,10 @@ class LiveTrajectory:
     def q(self, t_s: F8) -> F8:
         """Positions f8[len(t), A], mm or degrees, machine frame."""
         return self._at(t_s).q(t_s)
+
+    def coordinate(self, t_s: F8, column: int) -> F8:
+        """Positions f8[len(t)] of one axis."""
+        return self._at(t_s).coordinate(t_s, column)
 
     def v(self, t_s: F8) -> F8:
         """Velocities f8[len(t), A], mm/s."""
@@ -213,12 +212,14 @@ class LiveTrajectory:
         if self._view is None:
             limits, start = self._setting.limits, self._setting.start
             line = self._line
+            self.alive()
             base = path_trajectory(limits.axes, self._path, line.pieces, line.events, start, line.origin_s)
             tau = self._setting.rules.tau_s
             self._view = FilteredTrajectory(base, tau) if tau > 0 else base
         return self._view
 
     def _append(self, pieces: Pieces, events: list[Event], first_interval: int) -> None:
+        self.alive()
         self._line = self._line.extended(pieces, events, first_interval)
         self._view = None
 
@@ -238,8 +239,10 @@ class LiveTrajectory:
             self._path = join_intervals([self._path, chunk.intervals])
         if self._x > 0:
             self._divide_where_braking_ends()
+        self.alive()
         p = cut(self._path, self._node, len(self._path))
         x, cap, commit = self._solve(p)
+        self.alive()
         marks = [replace(m, node=m.node - self._node) for m in self._marks if m.node > self._scheduled]
         marks = [m for m in marks if m.node <= commit]
         timed = Timed(cut(p, 0, commit), x[: commit + 1], cap[:commit], marks, self._setting.rules.tau_s)
@@ -278,31 +281,34 @@ class LiveTrajectory:
             slow = hardest(p, c, self._x)[0]
             node_cap = np.where(p.stop & (np.arange(n + 1) > 0), 0.0, np.maximum(node_cap, slow))
         safe, hopeful = np.empty(n + 1), np.empty(n + 1)
+        self.alive()
         kernel.backward(p.length, *tangents, c.acceleration, node_cap, 0.0, safe)
         commit = n
         if not self._ended and node_cap[n] > 0:
             kernel.backward(p.length, *tangents, c.acceleration, node_cap, node_cap[n], hopeful)
             commit = int(kernel.commit_point(safe, hopeful))
+        self.alive()
         kernel.forward(p.length, *tangents, c.acceleration, safe, self._x, x)
         return x, cap, commit
 
     def _switched(self, node: int) -> bool:
         """Whether the program forbids overrides from ``node`` on."""
-        switches = [m for m in self._marks if m.node <= node and _switch(m.command) is not None]
-        return not _switch(switches[-1].command) if switches else self._fixed_before
+        before = [m for m in self._marks if m.node <= node and switch_of(m.command) is not None]
+        return not switch_of(before[-1].command) if before else self._fixed_before
 
     def _fixed(self, count: int) -> npt.NDArray[np.bool_] | None:
         """Which of the ``count`` intervals from the present node on nobody may override; None: all are free."""
-        ahead = [m for m in self._marks if m.node > self._node and _switch(m.command) is not None]
+        ahead = [m for m in self._marks if m.node > self._node and switch_of(m.command) is not None]
         fixed = np.full(count, self._switched(self._node))
         for m in ahead:
-            fixed[m.node - self._node :] = not _switch(m.command)
+            fixed[m.node - self._node :] = not switch_of(m.command)
         return fixed if fixed.any() else None
 
     def _rewind(self, sent_s: float) -> int | None:
         """Undo everything after ``sent_s``: node and x become the state there. In a rest, that piece's number: the
         rest is kept to its end.
         """
+        self.alive()
         self.extend(sent_s)
         line = self._line
         m = int(np.searchsorted(line.ends(), sent_s, side="right"))
@@ -364,6 +370,7 @@ class LiveTrajectory:
         """Append the hardest braking from the present state; the distance to rest."""
         p, c = cut(self._path, self._node, len(self._path)), self._setting.constraints
         x, j, offset = hardest(p, c, self._x)
+        self.alive()
         first, self._x = self._node, 0.0
         marks = [replace(m, node=m.node - first) for m in self._marks if self._scheduled < m.node <= first + j]
         pieces, events = schedule(Timed(cut(p, 0, j), x[: j + 1], np.zeros(j), marks), c)
@@ -376,11 +383,6 @@ class LiveTrajectory:
             self._append(last, [], first + j)
         self._node_at(first + j, offset)
         return float(p.length[:j].sum() + offset)
-
-
-def _switch(command: Command) -> bool | None:
-    """True and False where a command allows or forbids overrides of feed and rapids, None elsewhere."""
-    return FEED_OVERRIDE.get(command.function) if isinstance(command, Text) else None
 
 
 def live(

@@ -266,3 +266,8 @@ def _rows(block: MoveBlock, first: int, last: int) -> MoveBlock:
         block.axes, block.kind[s], block.line[s], block.end[s], block.feed_mm_s[s], block.plane[s], block.center[s],
         block.turns[s],
     )  # fmt: skip
+
+
+def switch_of(command: Command) -> bool | None:
+    """True and False where a command allows or forbids overrides of feed and rapids, None elsewhere."""
+    return FEED_OVERRIDE.get(command.function) if isinstance(command, canon.Text) else None

@@ -7,19 +7,21 @@ disturbs costs nothing and sends the same bytes as ever.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planner.jerk import FilteredTrajectory
+from planner.motors import Motor, StepMotor
 from planner.paths import cut
 from planner.plan import Plan
+from planner.steptrain import SHORT_CHUNK_S, StepTrain
 from planner.timeline import Timeline, part
 from planner.timing import Pieces, Rate
-from planner.trajectory import PathTrajectory
-from planner.types import F8, I4, Event, Trajectory
+from planner.trajectory import WALK_FROM, PathTrajectory
+from planner.types import F8, I4, Event, Trajectory, nobody_asks
 
 if TYPE_CHECKING:
     from planner.live import LiveTrajectory, Rest
@@ -33,6 +35,7 @@ class RetimablePlan:
 
     plan: one with a ``setting``. undisturbed: the plan's own trajectory, or a view on its stretch that begins at
     ``begin_s`` at rest. own: the stretch's first event and the first one after it, by number; None: those of its time.
+    alive: called between the stages of timing anew.
     Raises ValueError for a plan that cannot be timed anew.
     """
 
@@ -42,6 +45,7 @@ class RetimablePlan:
         undisturbed: Trajectory | None = None,
         begin_s: float = 0.0,
         own: tuple[int, int] | None = None,
+        alive: Callable[[], None] = nobody_asks,
     ) -> None:
         if plan.setting is None:
             raise ValueError("this plan cannot be timed anew")
@@ -51,6 +55,7 @@ class RetimablePlan:
         self._now = self.undisturbed
         self._begin_s = begin_s
         self._own = own
+        self._alive = alive
         self._live: LiveTrajectory | None = None
         self.rest: Rest | None = None
         """Where and when the last hold comes to rest, as it was announced."""
@@ -88,6 +93,10 @@ class RetimablePlan:
         """Positions f8[len(t), A], mm or degrees, machine frame."""
         return self._now.q(t_s)
 
+    def coordinate(self, t_s: F8, column: int) -> F8:
+        """Positions f8[len(t)] of one axis."""
+        return self._now.q(t_s)[:, column] if self._live is None else self._live.coordinate(t_s, column)
+
     def v(self, t_s: F8) -> F8:
         """Velocities f8[len(t), A], mm/s."""
         return self._now.v(t_s)
@@ -122,12 +131,17 @@ class RetimablePlan:
     def _retimed(self) -> LiveTrajectory:
         if self._live is None:
             self._live = live_of(self._plan, self._begin_s, self._begin_s + self._now.duration_s, self._own)
+            self._live.alive = self._alive
+            self._alive()
             self._now = self._live
         return self._live
 
 
-def rehearse(plan: Plan) -> None:
-    """Load everything that a hold or an override needs: on a port there is no time for it while something moves."""
+def rehearse(plan: Plan, motors: Sequence[Motor] = ()) -> None:
+    """Load everything that a hold or an override needs: on a port there is no time for it while something moves.
+
+    motors: their steps are cut once as a stream does.
+    """
     if plan.setting is None or not len(plan.timed.intervals):
         return
     trial = RetimablePlan(plan)
@@ -135,9 +149,13 @@ def rehearse(plan: Plan) -> None:
     trial.override(half, Rate(0.9, 0.9))
     rest = trial.hold(half + 0.01)
     trial.resume(rest.time_s + 0.01)
-    times = np.linspace(0.0, trial.duration_s, 3)
-    trial.q(times)
-    trial.line(times)
+    for many in (3, WALK_FROM):
+        times = np.linspace(0.0, trial.duration_s, many)
+        trial.q(times)
+        trial.line(times)
+    for motor in motors:
+        if isinstance(motor, StepMotor):
+            StepTrain(trial, motor, half, None, SHORT_CHUNK_S).peek()
 
 
 def live_of(plan: Plan, begin_s: float, end_s: float, own: tuple[int, int] | None = None) -> LiveTrajectory:

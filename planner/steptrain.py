@@ -15,14 +15,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from planner.motors import StepMotor
 from planner.quantize import I8, NS_PER_S, nearest_step, period_range_ns, step_crossings
-from planner.types import F8, Trajectory
+from planner.types import F8, Coordinates, Trajectory, nobody_asks
 
 SAMPLE_S = 1e-4
 CHUNK_S = 2.0
@@ -70,6 +70,7 @@ class Train(ABC):
     motor: StepMotor
     trajectory: Trajectory
     start_steps: int
+    alive: Callable[[], None]
 
     @abstractmethod
     def peek(self) -> Leg | None:
@@ -104,7 +105,7 @@ class StepTrain(Train):
 
     from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step
     nearest to the plan; the difference is made up, or saved, on the way. chunk_s: how much is sampled at once.
-    samples: of the same trajectory, shared by trains that begin and are cut alike.
+    samples: of the same trajectory, shared by trains that begin and are cut alike. alive: called before each chunk.
     """
 
     def __init__(
@@ -115,9 +116,12 @@ class StepTrain(Train):
         start_steps: int | None = None,
         chunk_s: float = CHUNK_S,
         samples: Samples | None = None,
+        alive: Callable[[], None] = nobody_asks,
     ) -> None:
         self.motor = motor
-        self._sampled = samples or Samples(trajectory)
+        self.alive = alive
+        self._sampled = samples
+        self._single = trajectory if isinstance(trajectory, Coordinates) else None
         self.trajectory = trajectory
         self.from_s = from_s
         self.chunk_s = chunk_s
@@ -171,13 +175,22 @@ class StepTrain(Train):
         total = max(int(np.ceil((duration_s - self.from_s) / SAMPLE_S)), 1)
         size = round(self.chunk_s / SAMPLE_S)
         for first in range(0, total, size):
+            self.alive()
             t = np.minimum(self.from_s + np.arange(first, min(first + size, total) + 1) * SAMPLE_S, duration_s)
             few = np.append(t[:-1:COARSE], t[-1])
-            p = self._sampled.q(few)[:, self.column] * self.motor.steps_per_unit
+            p = self._q(few) * self.motor.steps_per_unit
             if np.floor(p.min() + 0.5 - REST_STEPS) == np.floor(p.max() + 0.5 + REST_STEPS):
                 yield few, p  # no step lies in here
                 continue
-            yield t, self._sampled.q(t)[:, self.column] * self.motor.steps_per_unit
+            yield t, self._q(t) * self.motor.steps_per_unit
+
+    def _q(self, t_s: F8) -> F8:
+        """Positions of the axis; what several trains look at comes for all their axes at once."""
+        if self._sampled is not None:
+            return self._sampled.q(t_s)[:, self.column]
+        if self._single is not None:
+            return self._single.coordinate(t_s, self.column)
+        return self.trajectory.q(t_s)[:, self.column]
 
     def _cut(self) -> Iterator[Leg]:
         position = self.start_steps

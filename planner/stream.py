@@ -6,7 +6,7 @@ is chosen only after the evidence of the previous one, so nothing is ever furthe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -26,7 +26,7 @@ from planner.stream_hold import Retimed
 from planner.stream_pieces import PieceTrain
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, Pace, SmoothLane, StopHereLane
 from planner.timing import Rate
-from planner.types import Trajectory
+from planner.types import Trajectory, nobody_asks
 
 Profile = Literal["auto", "group", "adaptive", "exact", "stop-here", "smooth"]
 PROFILES: tuple[str, ...] = get_args(Profile)
@@ -190,14 +190,21 @@ def lead_in_ns(motors: Sequence[Motor], timing: BusTiming) -> int:
 
 
 def make_source(
-    trajectory: Trajectory, motors: Sequence[Motor], *, timing: BusTiming, start_ns: int, profile: Profile = "auto"
+    trajectory: Trajectory,
+    motors: Sequence[Motor],
+    *,
+    timing: BusTiming,
+    start_ns: int,
+    profile: Profile = "auto",
+    alive: Callable[[], None] = nobody_asks,
 ) -> StreamSource:
     """A stream of ``trajectory`` for the motors of one bus.
 
     All modules must rest, parked (see ``planner.stream_regroup``), with their counters at the trajectory's first
     position and servos enabled. start_ns: link time of t = 0; leave ``lead_in_ns`` before it. profile: of the steppers
     ``group``, ``adaptive`` or ``exact``, of the servos ``stop-here`` or ``smooth``; a name of one kind leaves the other
-    at its default, and on a bus with servos the steppers are always led ``adaptive``.
+    at its default, and on a bus with servos the steppers are always led ``adaptive``. alive: called between bounded
+    pieces of what is reckoned while the machine moves, so that its watchdog knows.
 
     Raises:
         StreamError: from ``next``, when a reply contradicts the twins: the machine must be stopped.
@@ -210,7 +217,7 @@ def make_source(
     steppers = [motor for motor in motors if isinstance(motor, StepMotor)]
     servos = [motor for motor in motors if isinstance(motor, ServoMotor)]
     samples = Samples(trajectory)
-    trains = [StepTrain(trajectory, motor, samples=samples) for motor in steppers]
+    trains = [StepTrain(trajectory, motor, samples=samples, alive=alive) for motor in steppers]
     if profile == "exact" and not servos:
         schedule: StepSchedule = ExactSchedule([PieceTrain(t) for t in trains], timing, motors[0].bus, start_ns)
         return StreamSource(trajectory, schedule, start_ns)
@@ -218,6 +225,7 @@ def make_source(
     if not servos and profile != "adaptive":
         return StreamSource(trajectory, GroupSchedule(axes, timing, motors[0].bus), start_ns)
     adaptive = AdaptiveSchedule(axes, timing, motors[0].bus)
+    adaptive.alive = alive
     mates: list[SmoothLane] = []
     pace = Pace(alone={motor.axis for motor in servos} == set(trajectory.axes))
     for motor in servos:

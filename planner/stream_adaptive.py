@@ -123,8 +123,10 @@ class AdaptiveSchedule(StepSchedule):
         if self._new_times is None:
             return
         for axis in self.axes:
+            self.alive()
             axis.retime(self._new_times, self.now_ns)
         for servo in self.servos:
+            self.alive()
             servo.retime()
         self._new_times = None
 

@@ -54,6 +54,7 @@ class StepAxis:
     def __init__(self, train: Train, timing: BusTiming, start_ns: int) -> None:
         self.train: Train = train
         self.trajectory = train.trajectory
+        self.alive = train.alive
         self.motor: StepMotor = train.motor
         self.timing = timing
         self.start_ns = start_ns
@@ -333,7 +334,7 @@ class StepAxis:
 
     def _cut(self, trajectory: Trajectory, from_ns: int, steps: int) -> StepTrain:
         """What is left of a trajectory from an instant of the plan on; the machine moves meanwhile."""
-        return StepTrain(trajectory, self.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S)
+        return StepTrain(trajectory, self.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S, alive=self.alive)
 
     def _overslept(self, ahead: Leg, now_ns: int) -> bool:
         """The period that runs (from the gap of a hold, perhaps) ends much later than the next step is wanted.

@@ -11,7 +11,7 @@ impossible (PIC-STEP data sheet, table 4 and Start Motion):
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 
 from nmc.budget import BusTiming, Window
 from nmc.program import Evidence, Exchange
@@ -19,6 +19,7 @@ from planner.stream_axis import LOAD_TRAJECTORY, MOVING, SAFETY_NS, START_NOW, L
 from planner.stream_error import StreamError
 from planner.stream_members import ranking
 from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
+from planner.types import nobody_asks
 
 SET_ADDRESS, START_MOTION, STOP_MOTOR, NO_OPERATION = 0x1, 0x5, 0x7, 0xE
 AMP_ENABLE, STOP_ABRUPTLY = 0x01, 0x04
@@ -40,6 +41,8 @@ class StepSchedule:
         self.axes = list(axes)
         self.timing = timing
         self.bus = bus
+        self.alive: Callable[[], None] = nobody_asks
+        """Called between bounded pieces of longer work."""
         self.groups = Groups.all_parked([axis.motor.address for axis in axes])
         self.now_ns = 0
         self.slices = 0

@@ -11,7 +11,7 @@ The streams share nothing but the trajectory and its clock, so the buses are as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from nmc.budget import BusTiming
@@ -22,7 +22,7 @@ from planner.stream import SENT_NS, Profile, Progress, StreamCounts, StreamSourc
 from planner.stream_axis import LOAD_POSITION, LOAD_TRAJECTORY, START_NOW
 from planner.stream_base import NO_OPERATION, START_MOTION
 from planner.timing import Rate
-from planner.types import Trajectory
+from planner.types import Trajectory, nobody_asks
 
 LONGEST_WAIT_NS = 20_000_000
 """An exchange that is due later than twice this is kept back; its bus is asked meanwhile how it is."""
@@ -222,13 +222,17 @@ def make_sources(
     timings: Mapping[int, BusTiming],
     start_ns: int,
     profiles: Mapping[int, Profile],
+    alive: Callable[[], None] = nobody_asks,
 ) -> BusStreams:
-    """Streams of ``trajectory`` for the motors of several buses; timings and profiles by bus, as of ``make_source``.
+    """Streams of ``trajectory`` for the motors of several buses; timings and profiles by bus, and alive, as of
+    ``make_source``.
 
     Leave ``lead_in_of_buses_ns`` before ``start_ns``. Raises what ``make_source`` raises.
     """
     lanes = {}
     for bus, mine in buses_of(motors).items():
-        source = make_source(trajectory, mine, timing=timings[bus], start_ns=start_ns, profile=profiles[bus])
+        source = make_source(
+            trajectory, mine, timing=timings[bus], start_ns=start_ns, profile=profiles[bus], alive=alive
+        )
         lanes[bus] = BusLane(source, mine[0])
     return BusStreams(trajectory, lanes, start_ns)

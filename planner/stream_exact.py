@@ -304,6 +304,7 @@ class ExactSchedule(AdaptiveSchedule):
     def _recut(axis: StepAxis, trajectory: Trajectory) -> PieceTrain:
         leg = axis.leg
         from_ns, steps = axis.stood() if leg is None else (leg.instants_ns[-1] + 1, leg.stop_steps)
-        train = PieceTrain(StepTrain(trajectory, axis.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S))
+        left = StepTrain(trajectory, axis.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S, alive=axis.alive)
+        train = PieceTrain(left)
         axis.train, axis.trajectory = train, trajectory
         return train

@@ -52,6 +52,7 @@ class PieceTrain(Train):
         self.motor = train.motor
         self.trajectory = train.trajectory
         self.start_steps = train.start_steps
+        self.alive = train.alive
         self._train = train
         self._leg: Leg | None = None
         self._from = 0

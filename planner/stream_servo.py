@@ -76,7 +76,7 @@ class ServoLane(Lane):
         start_ns -= motor.lead_ns  # the whole plan that much earlier: the shaft is then where the plan is
         self.timing: BusTiming = schedule.timing
         self.address = motor.address
-        self.track = Track(trajectory, motor.axis, motor.counts_per_unit, start_ns)
+        self.track = Track(trajectory, motor.axis, motor.counts_per_unit, start_ns, schedule.alive)
         self.count_um = 1000.0 / abs(motor.counts_per_unit)
         self.clock = TickClock(motor.crystal_fast_ppb)
         self.point = nearest_step(self.track.at(start_ns), 1.0)

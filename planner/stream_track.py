@@ -5,22 +5,30 @@ Between samples half a millisecond apart the coordinate is taken as straight: at
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from planner.quantize import NS_PER_S
-from planner.types import F8, Trajectory
+from planner.types import F8, Trajectory, nobody_asks
 
 SAMPLE_NS = 500_000
 CHUNK = 2048
 
 
 class Track:
-    """Position of one axis over link time. start_ns: link time of t = 0; per_unit: counts or steps a unit."""
+    """Position of one axis over link time.
 
-    def __init__(self, trajectory: Trajectory, axis: str, per_unit: float, start_ns: int) -> None:
+    start_ns: link time of t = 0; per_unit: counts or steps a unit. alive: called before each chunk.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, axis: str, per_unit: float, start_ns: int, alive: Callable[[], None] = nobody_asks
+    ) -> None:
         self.trajectory = trajectory
         self.column = trajectory.axes.index(axis)
         self.per_unit = per_unit
+        self.alive = alive
         self.start_ns = start_ns
         self.end_ns = start_ns + round(trajectory.duration_s * NS_PER_S)
         self._first = -1
@@ -66,6 +74,7 @@ class Track:
 
     def _pair(self, index: int) -> tuple[float, float]:
         if not self._first <= index < self._first + len(self._chunk) - 1:
+            self.alive()
             self._first = max(index - CHUNK // 8, 0)
             t = np.arange(self._first, self._first + CHUNK + 1) * (SAMPLE_NS / NS_PER_S)
             self._chunk = self.trajectory.q(np.minimum(t, self.trajectory.duration_s))[:, self.column] * self.per_unit

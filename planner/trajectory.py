@@ -53,6 +53,17 @@ class PathTrajectory:
         bend = (p.tangent_out[i] - p.tangent_in[i]) * (sigma / (2 * p.length[i]))[:, None]
         return np.asarray(p.start[i] + (p.tangent_in[i] + bend) * sigma[:, None])
 
+    def coordinate(self, t_s: F8, column: int) -> F8:
+        """Positions f8[len(t)] of one axis: to the last bit a column of ``q``."""
+        t = _times(t_s)
+        if len(t) >= WALK_FROM or at_hand():
+            return self.q(t)[:, column]
+        p = self.intervals
+        i, sigma, _, _ = self.locate(t)
+        tangent = p.tangent_in[:, column][i]
+        bend = (p.tangent_out[:, column][i] - tangent) * (sigma / (2 * p.length[i]))
+        return np.asarray(p.start[:, column][i] + (tangent + bend) * sigma)
+
     def v(self, t_s: F8) -> F8:
         """Velocities f8[len(t), A], mm/s."""
         i, sigma, speed, _ = self.locate(_times(t_s))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,10 @@ from gcode.canon import Command
 F8 = npt.NDArray[np.float64]
 I4 = npt.NDArray[np.int32]
 Index = npt.NDArray[np.intp]
+
+
+def nobody_asks() -> None:
+    """Called between bounded pieces of longer work where nobody watches whether it goes on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,3 +110,11 @@ class Trajectory(Protocol):
 
     def junctions_s(self) -> F8:
         """Ascending times at which a piece begins or ends."""
+
+
+@runtime_checkable
+class Coordinates(Protocol):
+    """A trajectory that tells one coordinate for less than all of them."""
+
+    def coordinate(self, t_s: F8, column: int) -> F8:
+        """Positions f8[len(t)] of the axis of that number: to the last bit that column of ``Trajectory.q``."""
