@@ -16,6 +16,9 @@ class Supervised(GuardedLink):
     def arm(self) -> None:
         self.watchdog.arm(self.inner.now_ns())
 
+    def beat(self) -> None:
+        self.watchdog.beat(self.inner.now_ns())
+
     def disarm(self) -> None:
         self.watchdog.disarm()
 

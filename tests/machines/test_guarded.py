@@ -1,6 +1,7 @@
 """The watchdog of a port: told of every motor, armed while something moves, and only then."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import pytest
 
@@ -8,6 +9,7 @@ from gcode.canon import ORIGIN
 from gcode.setup import Setup
 from machines import bringup
 from machines.bringup import Connection
+from machines.control import Script
 from machines.job import plan_job, read_job
 from machines.load import read_machine
 from machines.runner import RunOptions, perform
@@ -31,6 +33,7 @@ class Guarded:
         self.armed = False
         self.changes: list[bool] = []
         self.loads_unarmed = 0
+        self.beats = 0
 
     def watch(
         self,
@@ -47,6 +50,9 @@ class Guarded:
         assert self.watched is not None
         self.armed = True
         self.changes.append(True)
+
+    def beat(self) -> None:
+        self.beats += self.armed
 
     def disarm(self) -> None:
         self.armed = False
@@ -91,9 +97,21 @@ def test_it_is_armed_while_a_program_runs(guarded: Guarded) -> None:
     result = perform(job, plan_job(job, MACHINE.config, "kernel"), MACHINE, RunOptions())
     assert result.fault == ""
     wards = (Ward(1, "pic-servo"), Ward(2, "pic-servo"), Ward(3, "pic-step"))
-    assert guarded.watched == (wards, (0x81, 0x82), 115200, 100_000_000)
+    assert guarded.watched == (wards, (0x81, 0x82), 115200, 50_000_000)
     assert guarded.changes == [True, False]
     assert guarded.loads_unarmed == 0
+
+
+def test_an_override_shows_between_its_pieces_that_the_host_lives(guarded: Guarded) -> None:
+    job = read_job("G21 G90\nG1 X3 Y1 Z1 F300\nG0 X0\nM2\n", Setup(file="job.nc", start=ORIGIN), MACHINE.config)
+    plan = plan_job(job, MACHINE.config, "kernel")
+    counted: list[tuple[int, int]] = []
+    control = Script([(0.3, "feed 50")])
+    options = RunOptions(control=control, watch=lambda evidence: counted.append((guarded.beats, evidence.replied_ns)))
+    assert perform(job, plan, MACHINE, options).fault == ""
+    between = [after - before for (before, _), (after, _) in pairwise(counted)]
+    assert max(between) >= 12  # the stages of the path, then each of the three axes
+    assert sorted(between)[-8] <= 2
 
 
 def test_it_is_armed_while_an_axis_homes(guarded: Guarded) -> None:
