@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rich.console import Console
 from rich.table import Table
 
+from machines.shafts import ShaftUse, words_of_shafts
 from machines.verdict import Spread, Verdict
 
 
@@ -20,14 +23,24 @@ def print_verdict(verdict: Verdict) -> None:
     for warning in verdict.warnings:
         console.print(f"warning: {warning}", style="yellow")
     if verdict.ok:
-        words = (
-            f"within {verdict.contour_steps.max:.2f} steps of the plan, and every axis ended on its step"
-            if verdict.contour_steps is not None
-            else "every axis ended on its step; how near the path was between is not known on a port"
-        )
-        console.print(f"GO: {words}", style="bold green")
+        console.print(f"GO: {words_of_go(verdict)}", style="bold green")
     else:
         console.print("NO-GO: " + "; ".join(verdict.reasons), style="bold red")
+
+
+def words_of_go(verdict: Verdict) -> str:
+    """What was judged and found good: no more than is known on this machine."""
+    what = "axis" if verdict.shafts is None else "command"
+    most = max((abs(steps) for steps in verdict.end_error_steps.values()), default=0)
+    ended = f"every {what} ended " + (f"within {most} steps of its place" if most else "on its step")
+    words = [ended]
+    if verdict.contour_steps is not None:
+        words = [f"within {verdict.contour_steps.max:.2f} steps of the plan, and {ended}"]
+    if verdict.shafts is not None:
+        words.append(words_of_shafts(verdict.shafts))
+    if verdict.contour_steps is None:
+        words.append("how near the path was between is not known on a port")
+    return "; ".join(words)
 
 
 def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
@@ -45,8 +58,9 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
         rows.append(("from the programmed path", f"at most {verdict.program_um:.1f} um"))
     if verdict.lag_ms is not None:
         rows.append(("lag along the path", f"at most {verdict.lag_ms[0]:.1f} ms, rms {verdict.lag_ms[1]:.2f} ms"))
-    ends = "  ".join(f"{axis} {steps:+d}" if steps else f"{axis} 0" for axis, steps in verdict.end_error_steps.items())
-    rows.append(("end error", f"{ends} steps"))
+    rows.append(("end error", f"{_by_motor(verdict.end_error_steps)} steps"))
+    if verdict.shafts is not None:
+        rows += _shaft_rows(verdict.shafts)
     use = verdict.bus
     rows.append(
         (
@@ -68,6 +82,18 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
     names = ", ".join(f"{name}: {count}" for name, count in verdict.violations.items())
     rows.append(("violations of the data sheets", names or "none"))
     return rows
+
+
+def _shaft_rows(use: ShaftUse) -> list[tuple[str, str]]:
+    rows = [("shafts at rest", f"{_by_motor(use.end_counts)} counts from their places")]
+    if use.off_um:
+        most = "  ".join(f"{name} {off_um:.0f}" for name, off_um in use.off_um.items())
+        rows.insert(0, ("shafts at equal times", f"at most {most} um from their places"))
+    return rows
+
+
+def _by_motor(errors: Mapping[str, int]) -> str:
+    return "  ".join(f"{name} {off:+d}" if off else f"{name} 0" for name, off in errors.items())
 
 
 def _host_rows(verdict: Verdict) -> list[tuple[str, str]]:

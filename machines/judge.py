@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from machines.outcome import Outcome
 from machines.schema import MachineConfig
+from machines.shafts import ShaftUse, end_counts, shaft_limits_um, shafts_off_um
 from machines.verdict import BusUse, HostUse, Peak, Spread, Verdict, reasons_against
-from machines.wiring import command_leads_ns, every_motor, scale_of
+from machines.wiring import SERVO_STANDS_WITHIN, command_leads_ns, every_motor, scale_of
 from planner.plan import Plan
 from planner.planfile import sample_times
 from planner.quantize import nearest_step
@@ -42,6 +43,7 @@ def judge(
     end_error = _end_error(config, trajectory, outcome) if contour is None else contour.end_error_steps
     steps = None if contour is None else _spread(contour.contour_steps)
     sim_time_s = None if contour is None else contour.sim_time_s
+    shafts = _shaft_use(config, trajectory, outcome, trace)
     reasons = reasons_against(
         config.verify,
         plan_time_s=trajectory.duration_s,
@@ -50,6 +52,7 @@ def judge(
         end_error_steps=end_error,
         violations=violations,
         unheeded=outcome.statistics.unheeded,
+        shafts=shafts,
     )
     return Verdict(
         ok=not reasons,
@@ -75,6 +78,7 @@ def judge(
         reasons=reasons,
         holds=outcome.holds,
         host=_host_use(outcome),
+        shafts=shafts,
     )
 
 
@@ -151,13 +155,33 @@ def _contours(
     return against(trace.commanded, command_leads_ns(config)), shaft
 
 
-def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:
+def _wanted(config: MachineConfig, trajectory: Trajectory) -> dict[str, int]:
+    """Where the plan ends, in steps or counts of every motor."""
     end = trajectory.q(np.array([trajectory.duration_s]))[0]
     return {
-        motor.name: outcome.positions[motor.name]
-        - nearest_step(float(end[trajectory.axes.index(motor.axis)]), scale_of(motor))
+        motor.name: nearest_step(float(end[trajectory.axes.index(motor.axis)]), scale_of(motor))
         for motor in every_motor(config)
     }
+
+
+def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) -> dict[str, int]:
+    """As the chips tell: of steppers their counters, of servos their commands, for these are exact and shafts are not.
+
+    A servo that was last told to move on has no exact place: its shaft must then do.
+    """
+    ends = outcome.positions | outcome.commanded
+    return {name: ends[name] - wanted for name, wanted in _wanted(config, trajectory).items()}
+
+
+def _shaft_use(config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace | None) -> ShaftUse | None:
+    if not outcome.shafts:
+        return None
+    return ShaftUse(
+        end_counts(outcome.shafts, _wanted(config, trajectory)),
+        SERVO_STANDS_WITHIN,
+        {} if trace is None else shafts_off_um(trace, config, reference_of(trajectory)),
+        shaft_limits_um(config),
+    )
 
 
 def _bus_use(outcome: Outcome) -> BusUse:

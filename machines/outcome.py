@@ -36,6 +36,7 @@ class Outcome:
 
     ``begins_at``, ``positions``: counters of the motors before and after, as read back from their chips. ``holds``:
     every hold, announced and measured. ``retimed``: holds or overrides have changed the times of the trajectory.
+    ``commanded``, ``shafts``: by PIC-SERVO, where it was told to stand last, and where its shaft came to rest; counts.
     """
 
     finished: bool
@@ -47,5 +48,7 @@ class Outcome:
     statistics: StreamStatistics = field(default_factory=StreamStatistics)
     holds: tuple[HoldRecord, ...] = ()
     retimed: bool = False
+    commanded: dict[str, int] = field(default_factory=dict)
+    shafts: dict[str, int] = field(default_factory=dict)
     switched: tuple[Switched, ...] = ()
     """What was said to spindle, coolant and outputs."""

@@ -116,14 +116,16 @@ def perform(
             fault = _with_places(str(error), error.positions, machine)
         simulation = session.simulation
         records = session.records()
-    trace = _scaled(simulation.trace(), outcome, machine) if simulation else None
-    violations = tuple(simulation.violations) if simulation else ()
+        trace = _scaled(simulation.trace(), outcome, machine) if simulation else None
+        violations = tuple(simulation.violations) if simulation else ()
+        counts = simulation.log.counts() if simulation else {}
+        if outcome is not None and outcome.finished:
+            outcome = session.with_settled_shafts(outcome)
     if outcome is not None and not outcome.finished:
         fault = _with_places(f"stopped on request in line {outcome.line}", outcome.positions, machine)
     if outcome is None or fault:
         return RunResult(job, plan, outcome, None, trace, violations, records, fault)
     programmed = programmed_path(job.commands, planned_axes(config), job.start)
-    counts = simulation.log.counts() if simulation else {}
     verdict = judge(config, plan, outcome, trace, counts, programmed)
     verdict = with_outputs_judged(verdict, config, outcome.switched, trace, outcome.plan_start_ns)
     profiles = profiles_used(config, options.profile, is_simulated(config, options.port))

@@ -310,11 +310,13 @@ class SimTable(Table):
 class VerifyTable(Table):
     """``[verify]``: what a run on the twin may show and still be called good.
 
-    ``contour_steps``: largest distance of the pins from the planned path; ``end_error_steps``: of each axis at the end;
-    simulated and planned time may differ by ``time_percent``, in any case by ``time_slack_s``.
+    ``contour_steps``: largest distance of the pins from the planned path; ``shaft_um``: of a PIC-SERVO's shaft from its
+    planned place, None: what its axis's velocity gives (``machines.shafts``); ``end_error_steps``: of each axis at the
+    end; simulated and planned time may differ by ``time_percent``, in any case by ``time_slack_s``.
     """
 
     contour_steps: NotNegative = 6.0
+    shaft_um: NotNegative | None = None
     end_error_steps: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 0
     time_percent: NotNegative = 1.0
     time_slack_s: NotNegative = 0.05

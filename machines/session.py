@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -36,6 +37,7 @@ from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
 from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
+from machines.settling import settle, settled_on_twin
 from machines.several import bus_streams, timings_of
 from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
@@ -177,7 +179,7 @@ class Session:
             with bringup.armed(self.connection):
                 streamed = stream(source, self.connection, self, onlookers)
                 if streamed.last is None:
-                    self._settle()
+                    self._settle(streamed.commanded)
                     self.note("run_ends", self.now_ns)
                 else:
                     self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
@@ -195,6 +197,8 @@ class Session:
         statistics = streamed.statistics
         statistics.slice_ms = self._slice_ms(statistics.loads, end_ns - source.plan_start_ns)
         self._change(State.IDLE if streamed.last is None else State.STOPPED)
+        end_ns = self.now_ns
+        positions = self._positions()
         return Outcome(
             finished=streamed.last is None,
             plan_start_ns=source.plan_start_ns,
@@ -205,6 +209,8 @@ class Session:
             statistics=statistics,
             holds=streamed.holds,
             retimed=streamed.retimed,
+            commanded=streamed.commanded,
+            shafts={name: positions[name] for name in servo_tables(self.config)},
             switched=tuple(self.connection.rig.said) if self.connection.rig is not None else (),
         )
 
@@ -320,11 +326,24 @@ class Session:
         """As ``where``."""
         return self.where()
 
-    def _settle(self) -> None:
-        """A servo comes to rest a little after its command: give it time before it is asked where it stands."""
+    def _settle(self, commanded: dict[str, int]) -> None:
+        """A servo comes to rest a little after its command: give it time before it is asked where it stands.
+
+        The twin tells of its shafts by itself (``with_settled_shafts``), for which no byte has to be said.
+        """
         if servo_tables(self.config):
             link = self.connection.links[0]
             link.sleep_until(link.now_ns() + SETTLE_NS)
+            if self.connection.simulation is None:
+                settle(self.connection, commanded)
+
+    def with_settled_shafts(self, outcome: Outcome) -> Outcome:
+        """On the twin, let time pass until the shafts stand; take its trace before, this belongs to no run."""
+        simulation = self.simulation
+        if simulation is None or not outcome.commanded:
+            return outcome
+        shafts = settled_on_twin(simulation, self.connection.links[0], outcome.commanded)
+        return replace(outcome, shafts=outcome.shafts | shafts)
 
     def _failed(self, error: BaseException, where: str = "") -> SessionError:
         """Bring everything to rest after a failure; what the caller is to be told of it, and of a stop that failed.

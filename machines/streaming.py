@@ -12,6 +12,7 @@ from machines.control import Control
 from machines.governor import Governor
 from machines.outcome import StreamStatistics
 from machines.ratecontrol import Floor, HoldRecord, RateController
+from machines.settling import LastCommands
 from machines.several import governor_of, played, tell_starts
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.program import Evidence, Exchange, ExchangeSource
@@ -47,12 +48,16 @@ class Onlookers:
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """How a stream went. last: the exchange after which it was asked to stop, None if it came to its end."""
+    """How a stream went. last: the exchange after which it was asked to stop, None if it came to its end.
+
+    commanded: where each PIC-SERVO was told to stand last, counts.
+    """
 
     last: Evidence | None
     statistics: StreamStatistics
     holds: tuple[HoldRecord, ...]
     retimed: bool
+    commanded: dict[str, int]
 
 
 def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers) -> Streamed:
@@ -68,11 +73,13 @@ def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor,
     evidences, recall = played(source, connection)
     rates = RateController(source, onlookers.control, governor, floor, recall)
     last: Evidence | None = None
+    told = LastCommands(connection.config)
     busy_ns = dict.fromkeys(range(len(connection.buses)), 0)
     with closing(evidences):
         for evidence in evidences:
             busy_ns[evidence.exchange.bus] += evidence.replied_ns - evidence.sent_ns
             statistics.loads += _is_load(evidence.exchange)
+            told.see(evidence)
             onlookers.watch(evidence)
             if evidence.exchange.line != line:
                 line = evidence.exchange.line
@@ -93,7 +100,7 @@ def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor,
     statistics.late_slices = source.counts().late_slices
     _take_delays(statistics, governor, rates)
     onlookers.progress(rates.shown(source.progress()))
-    return Streamed(last, statistics, tuple(rates.holds), rates.changes > 0)
+    return Streamed(last, statistics, tuple(rates.holds), rates.changes > 0, told.counts)
 
 
 def _is_load(exchange: Exchange) -> bool:

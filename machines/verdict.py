@@ -12,6 +12,7 @@ from typing import Any
 
 from machines.ratecontrol import HoldRecord
 from machines.schema import VerifyTable
+from machines.shafts import ShaftUse, reasons_of_shafts
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +102,7 @@ class Verdict:
     """How each bus was fed, by its name."""
     warnings: tuple[str, ...] = ()
     """What is no reason against the run, but should be known."""
+    shafts: ShaftUse | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The fields as ``verify --json`` prints them."""
@@ -113,6 +115,11 @@ class Verdict:
         data["holds"] = list(data["holds"])
         if self.outputs is None:
             del data["outputs"]  # it has none
+        del data["shafts"]
+        if self.shafts is not None:
+            data["shaft_end_counts"] = dict(self.shafts.end_counts)
+            data["shaft_off_um"] = dict(self.shafts.off_um)
+            data["shaft_limit_um"] = dict(self.shafts.limit_um)
         data["program_um"] = None if self.program_um is None else {"max": self.program_um}
         data["lag_ms"] = None if self.lag_ms is None else {"max": self.lag_ms[0], "rms": self.lag_ms[1]}
         return data
@@ -127,6 +134,7 @@ def reasons_against(
     end_error_steps: Mapping[str, int],
     violations: Mapping[str, int],
     unheeded: str = "",
+    shafts: ShaftUse | None = None,
 ) -> tuple[str, ...]:
     """Every reason to call a run bad, in words; none: the run is good."""
     found: list[str] = []
@@ -135,6 +143,8 @@ def reasons_against(
             found.append(f"{axis} ends {error:+d} steps off")
     if contour_steps is not None and contour_steps.max > rule.contour_steps:
         found.append(f"contour error {contour_steps.max:.2f} steps, more than {rule.contour_steps:g}")
+    if shafts is not None:
+        found += reasons_of_shafts(shafts)
     if sim_time_s is not None and plan_time_s > 0:
         percent = 100 * abs(sim_time_s - plan_time_s) / plan_time_s
         if percent > rule.time_percent and abs(sim_time_s - plan_time_s) > rule.time_slack_s:

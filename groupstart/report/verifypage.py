@@ -116,10 +116,11 @@ def _summary(source: ReportInput) -> dict[str, Any]:
     if result.trace is not None:
         digests += [["exchanges", exchanges_digest(result.trace)], ["trace", trace_digest(result.trace)]]
     rows: list[tuple[str, str]] = []
+    words = ""
     if verdict is not None:
-        from groupstart.verdicttable import verdict_rows
+        from groupstart.verdicttable import verdict_rows, words_of_go
 
-        rows = verdict_rows(verdict)
+        rows, words = verdict_rows(verdict), words_of_go(verdict)
     violations = [
         {"time_s": (v.time_ns - (result.trace.plan_start_ns if result.trace else 0)) * 1e-9, "module": v.module,
          "rule": v.rule, "words": v.consequence}
@@ -128,6 +129,7 @@ def _summary(source: ReportInput) -> dict[str, Any]:
     return {
         "ok": not source.reasons,
         "reasons": list(source.reasons),
+        "words": words,
         "verdict_rows": [list(row) for row in rows],
         "violations": violations,
         "digests": digests,

@@ -7,7 +7,7 @@ function reportSide(app, side) {
   badge.textContent = names[page.ok ? 0 : 1];
   badge.className = page.ok ? "go" : "nogo";
   app.state.verdict = badge.textContent;
-  const words = page.overlay ? (page.ok ? "the same motion" : "the motion differs") : page.ok ? "GO: the motion is the plan" : "NO-GO";
+  const words = page.overlay ? (page.ok ? "the same motion" : "the motion differs") : page.ok ? "GO" + (page.words ? ": " + page.words : "") : "NO-GO";
   side.append(make("div", { id: "verdict" }, make("div", { class: "verdict " + (page.ok ? "go" : "nogo") }, words),
     page.reasons.length ? make("ul", {}, ...page.reasons.map((r) => make("li", {}, r))) : null));
   shifts(app, side);
