@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing
 
 if TYPE_CHECKING:
     from machines.load import MachineFile
@@ -60,7 +62,8 @@ def own_file(machine: str) -> Path | None:
 
 def date_of(path: Path) -> str:
     """Today, as the file system of the machine file tells it: no other wall clock is read here."""
-    os.utime(path)
+    with writing(path):
+        os.utime(path)
     return datetime.fromtimestamp(path.stat().st_mtime).strftime("%Y-%m-%d")
 
 
@@ -78,7 +81,14 @@ def write_machine(described: MachineFile, path: Path, text: str) -> None:
         raise VerbError(f"nothing is written: {error}", EXIT_FAULT) from None
     if path.read_text(encoding="utf-8") != described.text:
         raise VerbError(f"{path}: has been changed meanwhile; nothing is written", EXIT_FAULT)
-    beside = path.with_name(path.name + ".new")
-    beside.write_text(text, encoding="utf-8", newline="")
-    os.replace(beside, path)
+    real = path.resolve()  # a link stays one: the file that it leads to is replaced
+    beside = real.with_name(real.name + ".new")
+    try:
+        beside.write_text(text, encoding="utf-8", newline="")
+        shutil.copymode(real, beside)
+        os.replace(beside, real)
+    except OSError as error:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise VerbError(f"{path}: {error.strerror or error}; it is as it was", EXIT_FAULT) from None
     click.echo(f"written to {path}", err=True)

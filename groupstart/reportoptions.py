@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from groupstart.exits import EXIT_FAULT, VerbError
+from groupstart.files import Leftovers, wrote
 
 if TYPE_CHECKING:
     from groupstart.programoptions import ProgramChoices
@@ -48,7 +49,12 @@ class ReportChoices:
         return options
 
     def finish(
-        self, result: RunResult, machine: MachineFile, choices: ProgramChoices, options: RunOptions
+        self,
+        result: RunResult,
+        machine: MachineFile,
+        choices: ProgramChoices,
+        options: RunOptions,
+        leftovers: Leftovers,
     ) -> RunResult:
         """The run with the limits of ``--fail-over`` in its verdict; writes the report."""
         from groupstart.report.limits import broken_limits
@@ -60,8 +66,9 @@ class ReportChoices:
         result = replace(result, verdict=replace(verdict, ok=not reasons, reasons=reasons))
         if self.path is not None:
             seed = machine.config.sim.seed if options.seed is None else options.seed
-            self.path.write_text(self._text(result, machine, choices, seed), encoding="utf-8")
-            click.echo(f"wrote {self.path}", err=True)
+            with leftovers.file(self.path):
+                self.path.write_text(self._text(result, machine, choices, seed), encoding="utf-8")
+                wrote(self.path)
         return result
 
     def _text(self, result: RunResult, machine: MachineFile, choices: ProgramChoices, seed: int) -> str:

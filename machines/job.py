@@ -28,6 +28,7 @@ from planner.cy545_plan import plan_indexed
 from planner.cy545_split import refusals
 from planner.errors import PlanError
 from planner.plan import Plan, plan
+from planner.reader import needs_encoder
 from planner.timing import Solver
 
 BEYOND_TRAVEL = "TR001"
@@ -63,6 +64,7 @@ def read_job(text: str, setup: Setup, config: MachineConfig | None = None) -> Jo
     if config is not None and not any(item.severity == "error" for item in found):
         found += tuple(travel_diagnostics(commands, travel(config), text, setup))
         found += tuple(_interpolated(commands, config, text, setup))
+        found += tuple(_synchronised(commands, text, setup))
         found += tuple(output_diagnostics(commands, config, text, setup.file))
         simulated = all(bus.port == "sim" for bus in config.bus.values())
         found += tuple(question_diagnostics(commands, text, setup.file, simulated=simulated))
@@ -112,6 +114,15 @@ def _interpolated(
         message = errors[0].message + (f" ({_moves(len(errors))} do)" if len(errors) > 1 else "")
         found.append(Diagnostic(setup.file, errors[0].line, first, last, "PL001", "error", message, errors[0].hint))
     return found
+
+
+def _synchronised(commands: Sequence[Command | MoveBlock], text: str, setup: Setup) -> list[Diagnostic]:
+    """One error for each line whose motion would have to follow the spindle."""
+    refused = {error.line: error for item in commands if (error := needs_encoder(item)) is not None}
+    return [
+        Diagnostic(setup.file, line, *_columns(text, line, ""), "PL001", "error", error.message, error.hint)
+        for line, error in refused.items()
+    ]
 
 
 def travel_diagnostics(

@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
@@ -19,10 +20,17 @@ _MAX_SAME_SECOND = 1000
 
 
 class RunFolder:
-    """One run's folder; use it as a context so that the journal is closed. Raises OSError where the disk does."""
+    """One run's folder; use it as a context so that the journal is closed.
+
+    Making it and ``write`` raise OSError, with the file's name, where the disk does. Once it is made, a journal that
+    can be written no more stops no motion: what the disk refuses of it, and of what ``keep`` is around, is noted in
+    ``troubles``.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.troubles: list[str] = []
+        self._journal_ends = False
         self._journal: TextIOWrapper = (path / "journal.jsonl").open("x", encoding="utf-8")
 
     @classmethod
@@ -42,8 +50,19 @@ class RunFolder:
     def write(self, name: str, text: str) -> Path:
         """Write a text file of the run, line ends as they are."""
         path = self.path / name
-        path.write_text(text, encoding="utf-8", newline="")
+        try:
+            path.write_text(text, encoding="utf-8", newline="")
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
         return path
+
+    @contextmanager
+    def keep(self, name: str) -> Iterator[Path]:
+        """Around everything that writes the file of that name; where the disk refuses, that becomes a trouble."""
+        try:
+            yield self.path / name
+        except OSError as error:
+            self.troubles.append(f"{self.path / name}: {error.strerror or error}")
 
     def write_json(self, name: str, data: Mapping[str, Any]) -> Path:
         """Write a JSON file of the run."""
@@ -51,12 +70,21 @@ class RunFolder:
 
     def note(self, event: str, time_ns: int, **fields: Any) -> None:
         """Add a line to the journal: what happened at which link time, with its particulars."""
-        self._journal.write(json.dumps({"time_ns": time_ns, "event": event, **fields}) + "\n")
-        self._journal.flush()
+        if self._journal_ends:
+            return
+        with self.keep("journal.jsonl"):
+            self._journal_ends = True
+            self._journal.write(json.dumps({"time_ns": time_ns, "event": event, **fields}) + "\n")
+            self._journal.flush()
+            self._journal_ends = False
 
     def close(self) -> None:
         """Close the journal."""
-        self._journal.close()
+        try:
+            self._journal.close()
+        except OSError:
+            if not self._journal_ends:  # else it has been told
+                raise
 
     def __enter__(self) -> RunFolder:
         return self

@@ -51,6 +51,17 @@ class _Columns:
     turns: list[int] = field(default_factory=list)
 
 
+def needs_encoder(item: Command | MoveBlock) -> PlanError | None:
+    """The refusal of a motion that follows a spindle encoder, which nobody reads here; None of any other command."""
+    if isinstance(item, canon.RigidTap):
+        hint = "use a floating tap holder with G84"
+        return PlanError(item.line, "", "rigid tapping (G33.1) needs a spindle encoder", hint)
+    if isinstance(item, canon.SpindleSynch) and item.pitch_mm is not None:
+        hint = "mill the thread as a helix (G2 or G3 with Z), or cut it by hand"
+        return PlanError(item.line, "", "threads (G33, G76) need a spindle encoder", hint)
+    return None
+
+
 class MoveReader:
     """Reads commands and blocks, hands out batches of moves with their marks.
 
@@ -125,13 +136,10 @@ class MoveReader:
             self._marks.append(Mark(self._count, item, rest=True))
             self._add(KIND_FEED, item.line, item.end, item.feed_mm_s)
             self._rest()
-        elif isinstance(item, canon.RigidTap):
-            hint = "use a floating tap holder with G84"
-            raise PlanError(item.line, "", "rigid tapping (G33.1) needs a spindle encoder", hint)
-        elif isinstance(item, canon.SpindleSynch):
-            if item.pitch_mm is not None:
-                hint = "mill the thread as a helix (G2 or G3 with Z), or cut it by hand"
-                raise PlanError(item.line, "", "threads (G33, G76) need a spindle encoder", hint)
+        elif isinstance(item, canon.RigidTap | canon.SpindleSynch):
+            refused = needs_encoder(item)
+            if refused is not None:
+                raise refused
         else:
             moving = isinstance(item, IN_MOTION) or (isinstance(item, canon.Output) and item.synchronised)
             if not moving:

@@ -216,13 +216,14 @@ class Trace:
         arrays = {name: getattr(full, name) for name in (*_FIELDS, *rare)}
         if len(full.pin_ns):
             arrays["pin_names"] = np.array(full.pin_names, dtype=np.str_)
-        np.savez(
-            path,
-            allow_pickle=False,
-            axes=np.array(full.axes, dtype=np.str_),
-            plan_start_ns=np.int64(full.plan_start_ns),
-            **arrays,
-        )
+        with Path(path).open("wb") as file:  # numpy itself would add an ending to the name
+            np.savez(
+                file,
+                allow_pickle=False,
+                axes=np.array(full.axes, dtype=np.str_),
+                plan_start_ns=np.int64(full.plan_start_ns),
+                **arrays,
+            )
         return full
 
     def pulses_ns(self, axis: str) -> npt.NDArray[np.float64]:

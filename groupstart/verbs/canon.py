@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from groupstart.exits import EXIT_REFUSED, VerbError
+from groupstart.files import writing
 from groupstart.inputs import counted, diagnostic_texts, program_setup, read_program, tell_dialect
 from groupstart.options import file_argument
 from groupstart.programoptions import ProgramChoices, program_options
@@ -27,7 +28,7 @@ def command(
 
     text = read_program(file)
     result = interpret(text, program_setup(file, choices))
-    with click.open_file(output or "-", "w", encoding="utf-8") as stream:
+    with writing(output or "standard output"), click.open_file(output or "-", "w", encoding="utf-8") as stream:
         for line in canon_lines(result.commands, digits):
             stream.write(line + "\n")
     for words in diagnostic_texts(result.diagnostics, text):

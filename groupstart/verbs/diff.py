@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing, wrote
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import machine_option, solver_option
 from groupstart.planned import checked_job, planned
@@ -126,5 +127,6 @@ def _write(path: str, found: MotionDiff, a: Motion, plan: Plan, machine: Machine
             [change_text(change) for change in found.changes], [("compared", row) for row in rows[:2]], subtitle,
         )
     )  # fmt: skip
-    Path(path).write_text(page, encoding="utf-8")
-    click.echo(f"wrote {path}", err=True)
+    with writing(path):
+        Path(path).write_text(page, encoding="utf-8")
+    wrote(path)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing, wrote
 from groupstart.inputs import open_machine
 
 if TYPE_CHECKING:
@@ -43,13 +44,14 @@ def command(source: str, output: str, table: str | None, plot: str) -> None:
     elif ending == ".vcd":
         from groupstart.report.vcd import step_signals, vcd_lines
 
-        with target.open("w", encoding="ascii", newline="\n") as file:
-            file.writelines(line + "\n" for line in vcd_lines(_signals(Path(source), step_signals)))
+        signals = _signals(Path(source), step_signals)
+        with writing(target), target.open("w", encoding="ascii", newline="\n") as file:
+            file.writelines(line + "\n" for line in vcd_lines(signals))
     elif ending == ".perfetto-trace":
         _write_perfetto(_trace(Path(source)), target)
     else:
         _write_plot(Path(source), target, plot)
-    click.echo(f"wrote {output}", err=True)
+    wrote(output)
 
 
 def _signals(source: Path, of_steppers: Callable[[Trace], list[Signal]]) -> list[Signal]:
@@ -101,7 +103,8 @@ def _write_table(source: Path, target: Path, wanted: str | None) -> None:
     chosen = wanted or ("steps" if _is_trace(source) else "plan")
     table = plan_table(_plan(source)) if chosen == "plan" else trace_tables(_trace(source))[chosen]
     try:
-        (write_csv if target.suffix.lower() == ".csv" else write_parquet)(target, table)
+        with writing(target):
+            (write_csv if target.suffix.lower() == ".csv" else write_parquet)(target, table)
     except MissingExtraError as error:
         raise VerbError(str(error), EXIT_FAULT) from None
 
@@ -112,7 +115,7 @@ def _write_perfetto(trace: Trace, target: Path) -> None:
 
     tracks, slices = bus_slices(trace)
     counters, samples = rate_samples(trace, first=len(tracks) + 1)
-    with target.open("wb") as file:
+    with writing(target), target.open("wb") as file:
         file.writelines(perfetto_trace(tracks, slices, counters, samples))
 
 
@@ -120,6 +123,10 @@ def _write_plot(source: Path, target: Path, plot: str) -> None:
     from groupstart.report.plotfile import plot_plan, plot_trace
 
     if plot in ("rate", "servo"):
-        plot_trace(target, _trace(source), plot)
+        trace = _trace(source)
+        with writing(target):
+            plot_trace(target, trace, plot)
     else:
-        plot_plan(target, _plan(source), plot)
+        plan = _plan(source)
+        with writing(target):
+            plot_plan(target, plan, plot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from groupstart.files import writing, wrote
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import file_argument, machine_option, solver_option
 from groupstart.planned import checked_job, planned, print_report
@@ -34,6 +35,7 @@ def command(
     job = checked_job(file, text, choices, described)
     result = planned(job, described, solver)
     if output is not None:
-        result.save(output)
-        click.echo(f"wrote {output}", err=True)
+        with writing(output):
+            result.save(output)
+        wrote(output)
     print_report(result, as_json)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, VerbError
+from groupstart.files import writing, wrote
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import file_argument, machine_option, solver_option
 from groupstart.planned import checked_job, planned
@@ -44,8 +45,9 @@ def command(file: str, machine: str, choices: ProgramChoices, solver: str, outpu
         return
     result = planned(job, described, solver)
     title = f"{Path(file).name} on {described.config.machine.name}, {result.trajectory.duration_s:.1f} s"
-    draw(target, title, path_data(result.trajectory, job.commands))
-    click.echo(f"wrote {output}", err=True)
+    with writing(target):
+        draw(target, title, path_data(result.trajectory, job.commands))
+    wrote(output)
 
 
 def write_page(target: Path, job: Job, machine: MachineFile, solver: str, choices: ProgramChoices) -> None:
@@ -59,5 +61,6 @@ def write_page(target: Path, job: Job, machine: MachineFile, solver: str, choice
         page = preview_page(job, machine, solver, choices.work_offset)
     except PlanError as error:
         raise VerbError("\n".join(diagnostic_texts([plan_diagnostic(error, job)], job.text))) from None
-    target.write_text(page, encoding="utf-8")
+    with writing(target):
+        target.write_text(page, encoding="utf-8")
     click.echo(f"wrote {target}, {len(page) / 1e6:.1f} MB", err=True)

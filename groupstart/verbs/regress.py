@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing, wrote
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,8 +60,9 @@ def command(
         written = sum(write_baseline(chosen.baselines, result) for result in results)
         click.echo(f"{written} of {len(results)} baselines are new, in {chosen.baselines}", err=True)
     if junit is not None:
-        Path(junit).write_text(as_junit(chosen.name, outcomes), encoding="utf-8")
-        click.echo(f"wrote {junit}", err=True)
+        with writing(junit):
+            Path(junit).write_text(as_junit(chosen.name, outcomes), encoding="utf-8")
+        wrote(junit)
     if report is not None:
         _write_overlays(Path(report), chosen, outcomes)
     if as_json:
@@ -139,7 +141,8 @@ def _write_overlays(folder: Path, suite: Suite, outcomes: Sequence[Outcome]) -> 
             continue
         page = overlaid(cases[result.job, result.machine], baseline, outcome.differences)
         if page is not None:
-            folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{result.job}-{result.machine}.html"
-            path.write_text(page, encoding="utf-8")
-            click.echo(f"wrote {path}", err=True)
+            with writing(path):
+                folder.mkdir(parents=True, exist_ok=True)
+                path.write_text(page, encoding="utf-8")
+            wrote(path)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import machine_option, servo_every_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned, refuse_unstreamable
@@ -74,7 +75,8 @@ def command(
     with RunFolder.create(Path(runs), name) as folder:
         folder.write("job.nc", text)
         folder.write("machine.toml", described.text)
-        plan.save(folder.path / "plan.npz")
+        with writing(folder.path / "plan.npz"):
+            plan.save(folder.path / "plan.npz")
         options = RunOptions(port=port, seed=seed, profile=profile, home=home, ask=asker(yes))
 
         def replan(start: Position) -> tuple[Job, Plan]:
@@ -84,7 +86,7 @@ def command(
         result = run_in(folder, job, plan, described, options, replan)
         leave(folder, described, result, servo_every)
     if result.verdict is None:
-        raise VerbError(f"{result.fault}\nrun folder: {folder.path}", EXIT_FAULT)
+        raise VerbError("\n".join([result.fault, *folder.troubles, f"run folder: {folder.path}"]), EXIT_FAULT)
     if as_json:
         click.echo(json.dumps(result.verdict.as_json(), indent=2))
     else:
@@ -92,8 +94,8 @@ def command(
 
         print_verdict(result.verdict)
     click.echo(f"run folder: {folder.path}", err=True)
-    if not result.verdict.ok:
-        raise VerbError("", EXIT_REFUSED)
+    if folder.troubles or not result.verdict.ok:
+        raise VerbError("\n".join(folder.troubles), EXIT_FAULT if result.verdict.ok else EXIT_REFUSED)
 
 
 def asker(yes: bool) -> Callable[[str], bool] | None:
@@ -143,19 +145,24 @@ def run_in(
 
 
 def leave(folder: RunFolder, machine: MachineFile, result: RunResult, servo_every: int = 1) -> None:
-    """Write what the run has left: the plan that ran, trace or bus record, verdict, picture."""
+    """Write what a run leaves: verdict, bus record or trace, plan that ran, picture; as far as the disk takes it."""
     from machines.thin import thin_servo
 
-    result.plan.save(folder.path / "plan.npz")
-    if result.trace is not None:
-        thin_servo(result.trace, servo_every).save(folder.path / "trace.npz")
-        draw_run(folder.path / "path.png", machine, result)
+    with folder.keep("verdict.json"):
+        if result.verdict is not None:
+            folder.write_json("verdict.json", result.verdict.as_json())
+        else:
+            folder.write_json("verdict.json", {"ok": False, "reasons": [result.fault]})
     for bus, lines in result.records.items():
-        folder.write(f"bus-{bus}.txt", "\n".join(lines) + "\n")
-    if result.verdict is not None:
-        folder.write_json("verdict.json", result.verdict.as_json())
-    else:
-        folder.write_json("verdict.json", {"ok": False, "reasons": [result.fault]})
+        with folder.keep(f"bus-{bus}.txt"):
+            folder.write(f"bus-{bus}.txt", "\n".join(lines) + "\n")
+    with folder.keep("plan.npz") as path:
+        result.plan.save(path)
+    if result.trace is not None:
+        with folder.keep("trace.npz") as path:
+            thin_servo(result.trace, servo_every).save(path)
+        with folder.keep("path.png") as path:
+            draw_run(path, machine, result)
 
 
 def draw_run(path: Path, machine: MachineFile, result: RunResult) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from groupstart.commissioning import ask_consent, own_file, told_in_words, write_machine
-from groupstart.exits import EXIT_REFUSED, VerbError
+from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.files import writing
 from groupstart.inputs import open_machine
 from groupstart.options import machine_option
 
@@ -76,7 +77,8 @@ def command(
         folder.write("machine.toml", described.text)
         folder.write("steps.txt", "\n".join(step_table(tuned)) + "\n")
         folder.write_json("gains.json", as_record(motor, tuned))
-        draw_steps(folder.path / f"steps.{picture}", f"{config.machine.name}, motor {motor}: a step", tuned)
+        with writing(folder.path / f"steps.{picture}"):
+            draw_steps(folder.path / f"steps.{picture}", f"{config.machine.name}, motor {motor}: a step", tuned)
         click.echo(f"folder: {folder.path}", err=True)
     if as_json:
         click.echo(json.dumps(as_record(motor, tuned), indent=2))
@@ -88,6 +90,8 @@ def command(
         except ValueError as error:
             raise VerbError(f"{path}: {error}; nothing is written", EXIT_REFUSED) from None
         write_machine(described, path, text)
+    if folder.troubles:
+        raise VerbError("\n".join(folder.troubles), EXIT_FAULT)
 
 
 def _check(config: MachineConfig, motor: str, step: int, room: int) -> None:

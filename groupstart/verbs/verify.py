@@ -6,7 +6,8 @@ import json
 
 import click
 
-from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
+from groupstart.exits import EXIT_FAULT, VerbError
+from groupstart.files import Leftovers, wrote
 from groupstart.inputs import open_machine, read_program
 from groupstart.options import file_argument, machine_option, servo_every_option, solver_option, stream_options
 from groupstart.planned import checked_job, planned, refuse_unstreamable
@@ -56,12 +57,14 @@ def command(
     options = report.watched(RunOptions(port="sim", seed=seed, profile=profile, warn=progress.warn), plan)
     with progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
+    leftovers = Leftovers()
     if trace is not None and result.trace is not None:
-        thin_servo(result.trace, servo_every).save(trace)
-        click.echo(f"wrote {trace}", err=True)
+        with leftovers.file(trace):
+            thin_servo(result.trace, servo_every).save(trace)
+            wrote(trace)
     if result.verdict is None:
-        raise VerbError(result.fault, EXIT_FAULT)
-    result = report.finish(result, described, choices, options)
+        raise VerbError("\n".join([result.fault, *leftovers.troubles]), EXIT_FAULT)
+    result = report.finish(result, described, choices, options, leftovers)
     assert result.verdict is not None
     if as_json:
         click.echo(json.dumps(result.verdict.as_json(), indent=2))
@@ -69,5 +72,4 @@ def command(
         from groupstart.verdicttable import print_verdict
 
         print_verdict(result.verdict)
-    if not result.verdict.ok:
-        raise VerbError("", EXIT_REFUSED)
+    leftovers.end(result.verdict.ok)

@@ -147,3 +147,30 @@ def test_calibrate_goes_on_where_one_motor_is_not_decided(tmp_path: Path, cli: C
     machine = read_machine(str(path)).config
     assert machine.axis["X"].crystal is None  # type: ignore[union-attr]
     assert machine.axis["Z"].crystal is not None  # type: ignore[union-attr]
+
+
+def test_a_machine_file_behind_a_link_is_written_through_the_link(tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / "real").mkdir()
+    path = own_machine(tmp_path / "real")
+    path.chmod(0o640)
+    link = tmp_path / "link.toml"
+    link.symlink_to(path)
+    assert cli("calibrate", "-m", str(link), "X", "--seconds", "4").status == 0
+    assert link.is_symlink()
+    assert parse_machine(path.read_text(), "own").axis["X"].crystal is not None  # type: ignore[union-attr]
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert [each.name for each in path.parent.iterdir()] == ["own.toml"]
+
+
+def test_a_disk_that_refuses_the_new_machine_file_leaves_the_old_one_and_nothing_beside_it(
+    tmp_path: Path, cli: Cli
+) -> None:
+    path = own_machine(tmp_path)
+    before = path.read_text()
+    (tmp_path / "own.toml.new").symlink_to("/dev/full")
+    answer = cli("calibrate", "-m", str(path), "X", "--seconds", "4")
+    assert answer.status == 2
+    assert "motor X: its crystal runs" in answer.out
+    assert answer.err.endswith(f"{path}: No space left on device; it is as it was\n")
+    assert path.read_text() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["own.toml"]

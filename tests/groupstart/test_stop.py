@@ -74,3 +74,40 @@ def test_a_full_disk_is_told_with_status_2(
     assert answer.status == 2
     assert "No space left on device" in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_a_run_whose_files_the_disk_refuses_still_tells_its_verdict(
+    root: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sim.trace import Trace
+
+    monkeypatch.setattr(Trace, "save", full)
+    answer = cli("run", str(root / "examples" / "01_compass.nc"), "--runs", str(tmp_path))
+    assert answer.status == 2
+    assert "GO:" in answer.out
+    [folder] = tmp_path.iterdir()
+    assert f"{folder / 'trace.npz'}: No space left on device" in answer.err
+    assert json.loads((folder / "verdict.json").read_text())["ok"] is True
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, cli: Cli) -> None:
+    job = str(tmp_path / "small.nc")
+    Path(job).write_text("G21 G90 F600\nG1 X1\nM2\n")
+    for words in (("plan", job, "-o", "/dev/full"), ("canon", job, "-o", "/dev/full")):
+        answer = cli(*words)
+        assert answer.status == 2
+        assert answer.err.endswith("/dev/full: No space left on device\n")
+    answer = cli("verify", job, "--trace", "/dev/full")
+    assert answer.status == 2
+    assert "GO:" in answer.out
+    assert answer.err.endswith("/dev/full: No space left on device\n")
+
+
+def test_a_trace_has_exactly_the_name_that_was_given(tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / "small.nc").write_text("G21 G90 F600\nG1 X1\nM2\n")
+    answer = cli("verify", str(tmp_path / "small.nc"), "--trace", str(tmp_path / "out.trace"))
+    assert answer.status == 0
+    assert f"wrote {tmp_path / 'out.trace'}" in answer.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.trace", "small.nc"]
+    with np.load(tmp_path / "out.trace") as trace:
+        assert trace["run_count"].sum() == 200

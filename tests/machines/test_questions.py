@@ -3,9 +3,11 @@
 from dataclasses import replace
 from importlib import resources
 
+import pytest
+
 from gcode.setup import Setup
 from machines.job import plan_job, read_job
-from machines.load import parse_machine, read_machine
+from machines.load import load_machine, parse_machine, read_machine
 from machines.runner import RunOptions, perform
 
 SHIPPED = (resources.files("machines") / "data" / "mill3-step.toml").read_text(encoding="utf-8")
@@ -40,3 +42,18 @@ def test_a_program_that_asks_nothing_is_not_told() -> None:
     config = read_machine("mill3-step").config
     job = read_job(PROGRAM.replace("G38.2", "G1").replace("M66", "; M66"), Setup(file="a.nc"), config)
     assert "PR001" not in {d.code for d in job.diagnostics}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("G33 Z-1 K1", "threads (G33, G76)"),
+        ("G33.1 Z-1 K1", "rigid tapping (G33.1)"),
+        ("G76 P1 Z-1 I-1 J0.5 K1", "G76"),
+    ],
+)
+def test_motion_that_follows_a_spindle_is_refused_by_the_check_with_its_line(words: str, told: str) -> None:
+    text = f"G21 G90\nM3 S500\nG0 X5\n{words}\nG0 X1\n{words}\nM2\n"
+    found = read_job(text, Setup(file="p.nc"), load_machine("mill3-spindle")).errors
+    assert [(item.line, item.code) for item in found] == [(4, "PL001"), (6, "PL001")]
+    assert all(told in item.message and item.hint for item in found)

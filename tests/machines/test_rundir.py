@@ -29,6 +29,27 @@ def test_text_is_written_as_it_is(tmp_path: Path) -> None:
         assert (folder.path / "job.nc").read_bytes() == b"G0 X1\r\nM2\r\n"
 
 
+def test_a_journal_that_can_be_written_no_more_is_told_once_and_stops_nothing(tmp_path: Path) -> None:
+    with RunFolder.create(tmp_path, "x") as folder:
+        folder.note("line", 1)
+        folder._journal.close()
+        folder._journal = Path("/dev/full").open("w", encoding="utf-8")  # noqa: SIM115  # the folder closes it
+        for number in range(3):
+            folder.note("line", number)
+        assert folder.troubles == [f"{folder.path / 'journal.jsonl'}: No space left on device"]
+
+
+def test_what_the_disk_refuses_is_kept_as_a_trouble_with_the_files_name(tmp_path: Path) -> None:
+    with RunFolder.create(tmp_path, "x") as folder:
+        (folder.path / "trace.npz").symlink_to("/dev/full")
+        with pytest.raises(OSError, match="No space left") as caught:
+            folder.write("trace.npz", "x")
+        assert caught.value.filename == str(folder.path / "trace.npz")
+        with folder.keep("trace.npz"):
+            folder.write("trace.npz", "x")
+        assert folder.troubles == [f"{folder.path / 'trace.npz'}: No space left on device"]
+
+
 @pytest.mark.parametrize(
     ("job", "name"),
     [
