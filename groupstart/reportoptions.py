@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from groupstart.exits import EXIT_FAULT, VerbError
+from groupstart.exits import EXIT_FAULT, EXIT_REFUSED, VerbError
 from groupstart.files import Leftovers, wrote
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ class ReportChoices:
     fail_over: dict[str, float] = field(default_factory=dict)
     slips: tuple[tuple[str, int, int], ...] = ()
     _bus: BusWatch | None = None
+    _slips: Slips | None = None
 
     def watched(self, options: RunOptions, plan: Plan) -> RunOptions:
         """The options of a run that is watched for the report and disturbed as asked."""
@@ -44,8 +45,9 @@ class ReportChoices:
             self._bus = BusWatch()
             options = replace(options, watch=self._bus.watch)
         if self.slips:
-            axes = set(plan.limits.axes)
-            options = replace(options, disturb=Slips(self.slips, axes).disturb)
+            _refuse_beyond(self.slips, plan)
+            self._slips = Slips(self.slips)
+            options = replace(options, disturb=self._slips.disturb)
         return options
 
     def finish(
@@ -62,6 +64,8 @@ class ReportChoices:
         verdict = result.verdict
         if verdict is None:
             return result
+        for words in [] if self._slips is None else self._slips.left():
+            click.echo(words, err=True)
         reasons = verdict.reasons + lost_places(result, machine) + broken_limits(verdict, self.fail_over)
         result = replace(result, verdict=replace(verdict, ok=not reasons, reasons=reasons))
         if self.path is not None:
@@ -85,6 +89,15 @@ class ReportChoices:
         return report_page(source)
 
 
+def _refuse_beyond(slips: tuple[tuple[str, int, int], ...], plan: Plan) -> None:
+    """Raise VerbError for a line behind all in which the program moves."""
+    last = int(plan.trajectory.line(plan.trajectory.junctions_s()).max())
+    for name, steps, line in slips:
+        if line > last:
+            words = f"--lose-steps {name}:{steps}@{line}: the program moves in no line from {line} on"
+            raise VerbError(f"{words}; the last in which it moves is {last}", EXIT_REFUSED)
+
+
 def lost_places(result: RunResult, machine: MachineFile) -> tuple[str, ...]:
     """For each axis that ends elsewhere: in which line it lost its place."""
     if result.verdict is None or not any(result.verdict.end_error_steps.values()):
@@ -100,9 +113,12 @@ def lost_places(result: RunResult, machine: MachineFile) -> tuple[str, ...]:
 class Slips:
     """Motors of the twin that slip by some steps when the program first comes to a line."""
 
-    def __init__(self, slips: tuple[tuple[str, int, int], ...], motors: set[str]) -> None:
+    def __init__(self, slips: tuple[tuple[str, int, int], ...]) -> None:
         self._left = list(slips)
-        self._motors = motors
+
+    def left(self) -> list[str]:
+        """What has not come to slip, in words."""
+        return [f"--lose-steps {name}:{steps}@{line}: nothing has slipped" for name, steps, line in self._left]
 
     def disturb(self, simulation: Simulation, evidence: Evidence) -> None:
         """Told of every exchange: lets what is due slip."""

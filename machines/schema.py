@@ -23,8 +23,16 @@ Chip = Literal["pic-step", "pic-servo", "cy545"]
 CHIPS = ("pic-step", "pic-servo", "cy545")
 SHORTEST_WATCHDOG_MS = 30
 """At 9600 baud the nulls that end a half-sent packet alone take most of this."""
+JITTER_MAX_MS = 100
+"""A host that hesitates for longer keeps no chip on any path."""
+CRYSTAL_MAX_PPM = 2000
+"""Crystals are off by tens of parts in a million, ceramic resonators by a few thousand at the very most."""
 BAUDS = (9600, 19200, 57600, 115200)
 """The rates both NMC data sheets list under Set Baud Rate."""
+
+
+HostJitter = Annotated[float, BeforeValidator(number), Field(ge=0, le=JITTER_MAX_MS)]
+CrystalError = Annotated[float, BeforeValidator(number), Field(ge=-CRYSTAL_MAX_PPM, le=CRYSTAL_MAX_PPM)]
 
 
 class MachineTable(Table):
@@ -43,7 +51,7 @@ class BusTable(Table):
 
     port: str = Field(default="sim", min_length=1)
     baud: Annotated[int, BeforeValidator(whole)] = 115200
-    host_jitter_ms: NotNegative | None = None
+    host_jitter_ms: HostJitter | None = None
     watchdog_ms: Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)] = 50.0
 
     @model_validator(mode="after")
@@ -130,8 +138,8 @@ class CrystalTable(Measured):
     ``within_ppm``: it is certainly within plus or minus that of it.
     """
 
-    ppm: Annotated[float, BeforeValidator(number), Field(ge=-2000, le=2000)]
-    within_ppm: Annotated[float, BeforeValidator(number), Field(gt=0, le=2000)]
+    ppm: CrystalError
+    within_ppm: Annotated[float, BeforeValidator(number), Field(gt=0, le=CRYSTAL_MAX_PPM)]
 
 
 class ProbedTable(Measured):
@@ -284,7 +292,7 @@ class SimMotor(Table):
     stands when power comes on (the host takes that for zero until it has homed).
     """
 
-    crystal_ppm: Number | None = None
+    crystal_ppm: CrystalError | None = None
     start_at: Number = 0.0
     limit1_at: Number | None = None
     limit2_at: Number | None = None
@@ -296,8 +304,8 @@ class SimTable(Table):
     """``[sim]``. Random times are drawn between 0 and the value, crystals within plus or minus ``crystal_ppm``."""
 
     seed: Annotated[int, BeforeValidator(whole), Field(ge=0)] = 1
-    host_jitter_ms: NotNegative = 0.0
-    crystal_ppm: NotNegative = 0.0
+    host_jitter_ms: HostJitter = 0.0
+    crystal_ppm: Annotated[float, BeforeValidator(number), Field(ge=0, le=CRYSTAL_MAX_PPM)] = 0.0
     start_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.0
     reply_delay_ms: Annotated[float, BeforeValidator(number), Field(ge=0, le=0.5)] = 0.5
     count_latch: Literal["rollover", "immediate"] = "rollover"

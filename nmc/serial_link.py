@@ -7,6 +7,7 @@ timer to every answer; on Linux the low-latency flag is asked for and its absenc
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import termios
@@ -109,7 +110,7 @@ class SerialLink(DescriptorLink):
         try:
             self._port = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except (serial.SerialException, ValueError, OSError) as error:
-            raise NmcError(f"cannot open {port}: {error}") from None
+            raise NmcError(f"cannot open {port}: {_why(error)}") from None
         super().__init__(self._port.fileno(), port)
         with contextlib.suppress(Exception):  # a pty and many drivers have no such flag
             self._port.set_low_latency_mode(True)
@@ -127,3 +128,11 @@ class SerialLink(DescriptorLink):
     def close(self) -> None:
         """Close the port."""
         self._port.close()
+
+
+def _why(error: Exception) -> str:
+    """What the system says, once: pyserial puts port and number in front of it, and again."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number == errno.EAGAIN:
+        return "another program has it open"
+    return os.strerror(number) if number else str(error)

@@ -2,11 +2,14 @@
 
 import json
 import os
+import pty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from nmc.serial_link import SerialLink
 
 ROOT = Path(__file__).resolve().parents[2]
 Cli = Callable[..., Any]
@@ -198,13 +201,33 @@ def test_a_runs_folder_that_is_a_file(square: str, tmp_path: Path, cli: Cli) -> 
 def test_a_full_disk(verb: str, square: str, cli: Cli) -> None:
     answer = clean(cli(verb, square, "-o", "/dev/full"))
     assert answer.status == 2
-    assert "No space left on device" in answer.err
+    assert answer.err.endswith("/dev/full: No space left on device\n")
 
 
 def test_a_port_that_is_not_there(square: str, tmp_path: Path, cli: Cli) -> None:
     answer = clean(cli("run", square, "--port", str(tmp_path / "ttyNone"), "--runs", str(tmp_path / "runs")))
     assert answer.status == 2
-    assert "cannot open" in answer.err
+    assert answer.err.count("No such file or directory") == 1
+    assert f"cannot open {tmp_path / 'ttyNone'}: No such file" in answer.err
+
+
+def test_a_port_that_another_program_has_open(cli: Cli) -> None:
+    master, slave = pty.openpty()
+    try:
+        held = SerialLink(os.ttyname(slave))
+        answer = clean(cli("scan", "--port", os.ttyname(slave)))
+        assert answer.status == 2
+        assert f"cannot open {held.name}: another program has it open" in answer.err
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+@pytest.mark.parametrize("line", [9, 100])
+def test_steps_that_no_line_of_the_program_would_lose(line: int, square: str, cli: Cli) -> None:
+    answer = clean(cli("verify", square, "--lose-steps", f"X:5@{line}"))
+    assert answer.status == 1
+    assert f"--lose-steps X:5@{line}: the program moves in no line from {line} on" in answer.err
 
 
 def test_a_picture_of_an_unknown_kind(square: str, cli: Cli) -> None:
