@@ -68,6 +68,10 @@ class RunProgress:
         """A warning above the bar."""
         self.say(f"warning: {words}")
 
+    def tell(self, words: str) -> None:
+        """A note above the bar."""
+        self.say(f"note: {words}")
+
     def show(self, status: RateStatus) -> None:
         """Show whether the machine is held, and overrides."""
         if self._bar is not None:

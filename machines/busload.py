@@ -147,6 +147,10 @@ def possible_overload(config: MachineConfig, simulated: bool) -> Load | None:
     """As ``overload``, of any program: all axes of the busiest bus at once, as hard or as fast as they may go."""
     if not motors(config):
         return None
+    try:
+        choose_profile(config, "auto", simulated)
+    except ValueError:
+        return None  # no program runs on it
     axes = tuple(dict.fromkeys(motor.axis for motor in motors(config)))
     drives = _drives(config, "auto", simulated, axes)
     errors = dict.fromkeys(axes, 0.0)

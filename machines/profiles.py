@@ -2,8 +2,9 @@
 
 ``adaptive`` needs to know when a timer count that is loaded while the motor runs takes effect. On the twin ``[sim]``
 says it; on a port only what was measured on that module and written into its axis counts (``count_latch``).
-PIC-SERVO axes get ``smooth`` (velocity and acceleration a slice) on the twin, whose host keeps its time; on a port they
-get Stop Here points, which leave the axis standing when the host dies, unless ``smooth`` is asked for.
+PIC-SERVO axes get ``smooth`` (velocity and acceleration a slice) or Stop Here points, which leave the axis standing
+when the host dies. What ``auto`` gives them hangs on the host as well (``machines.choice``); here, where nothing is
+measured, it is ``smooth`` on the twin and Stop Here points on a port.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from typing import cast
 
 from machines.cy545 import cy545_tables
-from machines.schema import TWIN, MachineConfig, StepMotorTable
+from machines.schema import SHORTEST_WATCHDOG_MS, TWIN, MachineConfig, StepMotorTable
 from machines.wiring import motor_tables, motors, nmc_buses, servo_tables
 from planner.motors import ServoMotor
 from planner.stream import PROFILES, Profile
@@ -26,11 +27,50 @@ def choose_profile(config: MachineConfig, wanted: str, simulated: bool) -> Profi
         raise ValueError(f"profile {wanted} is one of PIC-STEP axes, this machine has none")
     if wanted in ("stop-here", "smooth") and not servos:
         raise ValueError(f"profile {wanted} is one of PIC-SERVO axes, this machine has none")
+    _refuse_counts_beside_servos(config, simulated)
+    if wanted == "smooth" and not simulated and (bare := unwatched(config)):
+        keys = ", ".join(f"watchdog_ms of [bus.{bus}]" for bus in bare)
+        raise ValueError(
+            f"profile smooth needs a watchdog, for a PIC-SERVO in it runs on without end if this program dies: {keys} "
+            f"is 0; set it to {SHORTEST_WATCHDOG_MS} or more, or take --profile stop-here"
+        )
     if wanted != "auto":
         return cast("Profile", wanted)
     if servos:
         return "smooth" if simulated else "stop-here"
-    return _step_profile(config, simulated)
+    return step_profile(config, simulated)
+
+
+def kinds_of(config: MachineConfig, bus: str) -> tuple[list[str], list[str]]:
+    """Names of the PIC-STEP and of the PIC-SERVO motors on a bus."""
+    steppers = [name for name, (_, table) in motor_tables(config).items() if table.bus == bus]
+    return steppers, [name for name, (_, table) in servo_tables(config).items() if table.bus == bus]
+
+
+def unwatched(config: MachineConfig) -> list[str]:
+    """Buses with PIC-SERVO motors that no watchdog would stop on a port."""
+    return [name for name, table in nmc_buses(config).items() if kinds_of(config, name)[1] and not table.watchdog_ms]
+
+
+def _refuse_counts_beside_servos(config: MachineConfig, simulated: bool) -> None:
+    """Beside servos steppers are led by counts in motion that wait for the roll-over: raise ValueError where not."""
+    tables = motor_tables(config)
+    for bus in nmc_buses(config):
+        steppers, servos = kinds_of(config, bus)
+        at_once = [
+            name
+            for name in steppers
+            if (config.sim.count_latch if simulated else _measured(tables[name][1])[0]) == "immediate"
+        ]
+        if not at_once or not servos:
+            continue
+        sections = [f"[{'axis' if name in config.axis else 'motor'}.{name}]" for name in at_once]
+        where = "[sim]" if simulated else ", ".join(sections)
+        raise ValueError(
+            f'axis {", ".join(at_once)} on bus {bus}: count_latch = "immediate" ({where}), and beside servos '
+            f"({', '.join(servos)}) a stepper is led by counts that wait for the roll-over; put it on a bus of its "
+            "own, where exact is taken, or measure again (groupstart probe-latch) if that is not what the chip does"
+        )
 
 
 def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: bool) -> Profile:
@@ -41,7 +81,7 @@ def profile_of_bus(config: MachineConfig, bus: int, chosen: Profile, simulated: 
     has_servos = any(isinstance(motor, ServoMotor) for motor in motors(config) if motor.bus == bus)
     if has_servos or chosen not in ("stop-here", "smooth"):
         return chosen
-    return _step_profile(config, simulated)
+    return step_profile(config, simulated)
 
 
 def streamed_as(config: MachineConfig, bus: int, chosen: Profile, simulated: bool) -> Profile:
@@ -66,7 +106,7 @@ def profiles_used(config: MachineConfig, wanted: str, simulated: bool) -> dict[s
     }
 
 
-def _step_profile(config: MachineConfig, simulated: bool) -> Profile:
+def step_profile(config: MachineConfig, simulated: bool) -> Profile:
     """What is taken for steppers: ``adaptive`` if their timers do what the twins of the stream do, ``exact`` if not.
 
     Of a port the simulated machine tells nothing, and where nothing is known ``group`` is taken.

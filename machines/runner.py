@@ -12,6 +12,7 @@ from gcode.canon import AXES, Position
 from machines.bringup import is_simulated
 from machines.busload import Load, overload
 from machines.cautions import cautions
+from machines.choice import Choice
 from machines.control import Control
 from machines.job import Job
 from machines.judge import judge
@@ -55,6 +56,8 @@ class RunOptions:
     """Hold, resume, override, stop."""
     warn: Callable[[str], None] | None = None
     """Told in words, before anything moves, what the plan asks of a bus that cannot follow."""
+    tell: Callable[[str], None] | None = None
+    """Told in words, before anything moves, which profile was chosen and why, where that is not plain."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -100,6 +103,7 @@ def perform(
         return RunResult(job, plan, None, None, None, (), {}, f"line {asked[0]}: {NOBODY_READS}; nothing has moved")
     outcome: Outcome | None = None
     load: Load | None = None
+    choice: Choice | None = None
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
         session.watch = partial(_told, session, options)
@@ -110,6 +114,8 @@ def perform(
             if options.home:
                 session.home(options.home)
             job, plan = _from_here(session, job, plan, replan)
+            choice = _choose(session, plan, options)
+            options = replace(options, profile=choice.profile)
             load = _overload(config, plan, options)
             plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
@@ -129,8 +135,19 @@ def perform(
     verdict = judge(config, plan, outcome, trace, counts, programmed)
     verdict = with_outputs_judged(verdict, config, outcome.switched, trace, outcome.plan_start_ns)
     profiles = profiles_used(config, options.profile, is_simulated(config, options.port))
-    verdict = replace(verdict, profiles=profiles, warnings=cautions(verdict, load))
+    verdict = replace(
+        verdict, profiles=profiles, warnings=cautions(verdict, load), profile_notes=choice.notes if choice else ()
+    )
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
+
+
+def _choose(session: Session, plan: Plan, options: RunOptions) -> Choice:
+    """The profile of the run, told where it is not plain."""
+    choice = session.choose(plan.trajectory, options.profile)
+    if options.tell is not None:
+        for words in choice.notes:
+            options.tell(words)
+    return choice
 
 
 def _overload(config: MachineConfig, plan: Plan, options: RunOptions) -> Load | None:

@@ -27,12 +27,14 @@ import numpy as np
 from machines import bringup
 from machines.aftermath import told_of
 from machines.bringup import Connection
+from machines.choice import Choice, choose
 from machines.control import Control
 from machines.crystals import calibrated
 from machines.cy545 import stand_ins
 from machines.cy545_homing import home_indexer
 from machines.diagnosis import explained, named, require_sound
 from machines.homing import Homed, home_servo, home_stepper
+from machines.hostdelay import host_delay_ns
 from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
 from machines.profiles import choose_profile
@@ -45,6 +47,7 @@ from nmc.errors import NmcError
 from nmc.picservo import PicServo
 from nmc.picstep import PicStep
 from nmc.program import Evidence
+from planner.motors import ServoMotor
 from planner.quantize import nearest_step
 from planner.stream import Progress, StreamSource, lead_in_ns, make_source
 from planner.stream_buses import BusStreams
@@ -149,6 +152,27 @@ class Session:
         found: dict[str, float] = {}
         for motor in every_motor(self.config):
             found.setdefault(motor.axis, counters[motor.name] / scale_of(motor))
+        return found
+
+    def choose(self, trajectory: Trajectory, wanted: str) -> Choice:
+        """The profile to stream a trajectory with; on a port the host's delays may be measured for that.
+
+        Raises SessionError for one that this machine does not offer.
+        """
+        servos = {motor.bus: motor.address for motor in motors(self.config) if isinstance(motor, ServoMotor)}
+        try:
+            found = choose(
+                self.config,
+                wanted,
+                self.simulation is not None,
+                trajectory,
+                lambda: host_delay_ns(self.connection, servos),
+            )
+        except (NmcError, ValueError) as error:
+            self._change(State.FAULTED)
+            raise SessionError(str(error)) from error
+        for words in found.notes:
+            self.note("profile_chosen", self.now_ns, profile=found.profile, message=words)
         return found
 
     def run(

@@ -100,6 +100,8 @@ class Verdict:
     outputs: OutputUse | None = None
     profiles: dict[str, str] = field(default_factory=dict)
     """How each bus was fed, by its name."""
+    profile_notes: tuple[str, ...] = ()
+    """Why these, where that is not plain."""
     warnings: tuple[str, ...] = ()
     """What is no reason against the run, but should be known."""
     shafts: ShaftUse | None = None
@@ -109,6 +111,7 @@ class Verdict:
         data = asdict(self)
         data["axes"] = list(self.axes)
         data["reasons"] = list(self.reasons)
+        data["profile_notes"] = list(self.profile_notes)
         data["warnings"] = list(self.warnings)
         if self.motor_contour_um is None:
             del data["motor_contour_um"]  # steppers have no shaft of their own

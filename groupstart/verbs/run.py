@@ -131,7 +131,7 @@ def run_in(
             with progress.aside(), keys.aside():
                 return options.ask is not None and options.ask(request)
 
-        options = replace(options, control=keys, warn=progress.warn)
+        options = replace(options, control=keys, warn=progress.warn, tell=progress.tell)
         return perform(
             job,
             plan,

@@ -54,7 +54,9 @@ def command(
     from groupstart.stopflag import StopFlag
 
     progress = RunProgress(plan.trajectory.duration_s, len(text.splitlines()))
-    options = report.watched(RunOptions(port="sim", seed=seed, profile=profile, warn=progress.warn), plan)
+    options = report.watched(
+        RunOptions(port="sim", seed=seed, profile=profile, warn=progress.warn, tell=progress.tell), plan
+    )
     with progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     leftovers = Leftovers()
