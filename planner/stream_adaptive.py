@@ -34,6 +34,9 @@ HORIZON = 0.6
 LOOK_NS = 400_000
 """First step of the search for the next moment at which something is worth sending; it grows by a quarter a step."""
 LOOK_AHEAD_NS = 20_000_000
+UNHEARD_NS = 250_000_000
+"""A servo that rests is asked when it has been silent for so long: that it has switched itself off shows in its answers
+only. Where others have much to mend, after twice the time; velocity slices are not interrupted for it."""
 IDLE_NS = 20_000_000
 """A held machine is asked how it is this often."""
 
@@ -49,6 +52,8 @@ class AdaptiveSchedule(StepSchedule):
         self.soon_ns = timing.worst_ns(COUNT_BYTES)
         """An appointment this near is waited for. A host that proves slower does not make it longer: slow axes, whose
         every step is an appointment, would keep all others from the bus."""
+        self.points = False
+        """Servos are led by points: these leave time to ask one that rests."""
         self.feedback = Feedback(self, axes)
         self.hold: Hold | None = None
         self._new_times: Trajectory | None = None
@@ -57,6 +62,7 @@ class AdaptiveSchedule(StepSchedule):
         """A PIC-SERVO shares the bus; its loads are longer, and it has no part in group Starts."""
         self.lanes.append(lane)
         self.servos.append(lane)
+        self.points = isinstance(lane, StopHereLane)
         self.exchange_ns = self.timing.mean_exchange_ns(VELOCITY_BYTES if isinstance(lane, SmoothLane) else COUNT_BYTES)
 
     def assume(self, timing: BusTiming) -> None:
@@ -83,9 +89,27 @@ class AdaptiveSchedule(StepSchedule):
             if not over:
                 yield from self._play()
             elif self.hold is not None:
-                yield Exchange(self.lanes[0].address, NO_OPERATION, send_at_ns=self.now_ns + IDLE_NS, bus=self.bus)
+                yield from self._idle()
             else:
                 return
+
+    def _idle(self) -> Stream:
+        """A machine that is held is asked how it is, each servo in its turn."""
+        at_ns = self.now_ns + IDLE_NS
+        silent = self._silent()
+        if silent is not None:
+            yield from silent.ask(at_ns)
+        else:
+            yield Exchange(self.lanes[0].address, NO_OPERATION, send_at_ns=at_ns, bus=self.bus)
+
+    def _silent(self, worth_um: float = 0.0) -> ServoLane | None:
+        """The servo not heard for longest, if that is too long. worth_um: what another load would mend."""
+        before_ns = self.now_ns - (UNHEARD_NS if worth_um < ALARMING_UM else 2 * UNHEARD_NS)
+        found: ServoLane | None = None
+        for lane in self.servos:
+            if lane.heard_ns < before_ns:
+                found, before_ns = lane, lane.heard_ns
+        return found
 
     def _play(self) -> Stream:
         due = [ns for axis in self.axes if not axis.moving and (ns := axis.first_step_ns()) is not None]
@@ -140,6 +164,10 @@ class AdaptiveSchedule(StepSchedule):
                 yield from first[1].keep(Turn(max(first[0], self.now_ns), turn.horizon_ns))
             else:
                 yield from lane.mend(turn)
+            return
+        silent = self._silent(worth_um) if self.points else None
+        if silent is not None:
+            yield from silent.ask()
             return
         doubtful = self.feedback.doubtful()
         if doubtful is not None and worth_um < ALARMING_UM:
@@ -212,5 +240,10 @@ class AdaptiveSchedule(StepSchedule):
         if first is not None and first[0] <= at_ns + self.soon_ns:
             yield from first[1].keep(Turn(max(first[0], self.now_ns), horizon_ns))
             return
-        asked = next((lane for lane in self.lanes if lane.moving), self.lanes[0])
-        yield Exchange(asked.address, NO_OPERATION, send_at_ns=max(limit_ns, self.now_ns), bus=self.bus)
+        asked = next((lane for lane in self.lanes if lane.moving), None)
+        silent = self._silent() if asked is None else None
+        if silent is not None:
+            yield from silent.ask(max(limit_ns, self.now_ns))
+            return
+        address = self.lanes[0].address if asked is None else asked.address
+        yield Exchange(address, NO_OPERATION, send_at_ns=max(limit_ns, self.now_ns), bus=self.bus)

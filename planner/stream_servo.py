@@ -79,13 +79,19 @@ class ServoLane(Lane):
         self.track = Track(trajectory, motor.axis, motor.counts_per_unit, start_ns, schedule.alive)
         self.count_um = 1000.0 / abs(motor.counts_per_unit)
         self.clock = TickClock(motor.crystal_fast_ppb)
+        self.heard_ns = 0
+        """When it last answered: nobody else tells that its servo is still on."""
         self.point = nearest_step(self.track.at(start_ns), 1.0)
 
     def prelude(self) -> Stream:
         """Make the command position known and lock onto the servo clock, all at rest."""
         yield from self.stop_here(self.point, 0)
         for _ in range(LOCK_EXCHANGES):
-            self.observe((yield Exchange(self.address, NO_OPERATION, bus=self.schedule.bus)))
+            yield from self.ask()
+
+    def ask(self, send_ns: int = 0) -> Stream:
+        """Only the answer."""
+        self.observe((yield Exchange(self.address, NO_OPERATION, send_at_ns=send_ns, bus=self.schedule.bus)))
 
     def stop_here(self, point: int, send_ns: int) -> Stream:
         """Put the command onto ``point`` (counts)."""
@@ -95,6 +101,7 @@ class ServoLane(Lane):
 
     def observe(self, evidence: Evidence) -> int:
         """The number of the tick at whose end the exchange was executed and answered (section 4.1)."""
+        self.heard_ns = evidence.replied_ns
         return self.clock.observe(evidence.replied_ns - self.timing.reply_ns(len(evidence.extra)))
 
     def execution_tick(self, send_ns: int, data_bytes: int) -> int:

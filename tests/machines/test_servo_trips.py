@@ -10,6 +10,7 @@ import pytest
 
 from gcode.canon import ORIGIN
 from gcode.setup import Setup
+from machines.control import Script
 from machines.job import Job, plan_job, read_job
 from machines.load import MachineFile, read_machine
 from machines.runner import RunOptions, RunResult, perform
@@ -97,7 +98,13 @@ def prepared(machine: MachineFile, text: str = PROGRAM) -> tuple[Job, Plan]:
 
 
 def ran(
-    machine: MachineFile, *, profile: str = "auto", seed: int = 1, faults: Sequence[Fault] = (), text: str = PROGRAM
+    machine: MachineFile,
+    *,
+    profile: str = "auto",
+    seed: int = 1,
+    faults: Sequence[Fault] = (),
+    text: str = PROGRAM,
+    control: Script | None = None,
 ) -> Ran:
     job, plan = prepared(machine, text)
     notes: list[tuple[str, int, dict[str, Any]]] = []
@@ -112,7 +119,7 @@ def ran(
         job,
         plan,
         machine,
-        RunOptions(seed=seed, profile=profile, disturb=disturb),
+        RunOptions(seed=seed, profile=profile, disturb=disturb, control=control),
         note=lambda event, time_ns, **fields: notes.append((event, time_ns, fields)),
     )
     return Ran(result, notes, twin)
@@ -123,13 +130,16 @@ def counts(simulation: Simulation) -> dict[str, int]:
     return {name: int(servo.position) for name, servo in simulation.servos().items()}
 
 
-def all_stand(simulation: Simulation) -> bool:
-    """Nothing moves any more once what the integral terms hold has gone; a shaft that stands may swing by a count."""
+def all_stand(simulation: Simulation, but: str = "") -> bool:
+    """Nothing moves any more once what the integral terms hold has gone; a shaft that stands may swing by a count.
+
+    but: a motor without supply, which its load pulls.
+    """
     simulation.world.run_until(simulation.world.now_ns + 1_500_000_000)
     before = counts(simulation)
     steps = {name: module.position for name, module in simulation.steppers().items()}
     simulation.world.run_until(simulation.world.now_ns + 1_000_000_000)
-    still = all(abs(now - before[name]) <= 1 for name, now in counts(simulation).items())
+    still = all(abs(now - before[name]) <= 1 for name, now in counts(simulation).items() if name != but)
     return still and steps == {name: module.position for name, module in simulation.steppers().items()}
 
 
@@ -203,9 +213,45 @@ def test_a_servo_that_trips_stops_a_stepper_too(buses: int, profile: str, tmp_pa
     assert run.simulation.steppers()["Z"].position == told["Z"]
 
 
+LONG = "G21 G90\nF600\nG1 X15 Y8\nG1 X1 Y1\nM2\n"
+DWELL = "G21 G90\nF900\nG1 X5 Y5 Z1\nG4 P4\nG1 X1 Y1\nM2\n"
+NOTICED_WITHIN_NS = 650_000_000
+"""A servo that rests is asked after half a second of silence at the latest."""
+
+
+@pytest.mark.parametrize("name", ["mill3-servo", "mill3-mixed"])
+def test_points_leave_time_to_ask_a_servo_that_rests(name: str, tmp_path: Path) -> None:
+    lost_ns = 2_000_000_000
+    motor = "Z" if name == "mill3-servo" else "Y"
+    text = LONG if motor == "Z" else "G21 G90\nF600\nG1 X25 Z-5\nG1 X1 Z0\nM2\n"
+    run = ran(machine_of(tmp_path, name), profile="stop-here", faults=[Supply(motor, lost_ns, 0.0)], text=text)
+    assert run.result.fault.startswith(f"line 3: motor {motor}: its supply is off")
+    assert 0 < run.first("fault") - lost_ns < NOTICED_WITHIN_NS
+    assert all_stand(run.simulation, but=motor)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize(("name", "motor"), [("mill3-servo", "X"), ("mill3-servo", "Z"), ("mill3-mixed", "Y")])
+def test_in_a_dwell_every_servo_is_asked(name: str, motor: str, profile: str, tmp_path: Path) -> None:
+    lost_ns = 3_000_000_000
+    run = ran(machine_of(tmp_path, name), profile=profile, faults=[Supply(motor, lost_ns, 0.0)], text=DWELL)
+    assert f": motor {motor}: its supply is off" in run.result.fault
+    assert 0 < run.first("fault") - lost_ns < NOTICED_WITHIN_NS
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("motor", ["X", "Y", "Z"])
+def test_in_a_hold_every_servo_is_asked(motor: str, profile: str, tmp_path: Path) -> None:
+    lost_ns = 3_000_000_000
+    held = Script([(1.0, "hold"), (6.0, "resume")])
+    faults = [Supply(motor, lost_ns, 0.0)]
+    run = ran(machine_of(tmp_path, "mill3-servo"), profile=profile, faults=faults, control=held)
+    assert f": motor {motor}: its supply is off" in run.result.fault
+    assert 0 < run.first("fault") - lost_ns < NOTICED_WITHIN_NS
+
+
 def test_a_servo_that_rests_is_noticed_at_the_end_at_the_latest(tmp_path: Path) -> None:
-    text = "G21 G90\nF900\nG1 X15 Y8\nG1 X1 Y1\nM2\n"
-    run = ran(machine_of(tmp_path, "mill3-servo"), faults=[Supply("Z", 2_000_000_000, 0.0)], text=text)
+    run = ran(machine_of(tmp_path, "mill3-servo"), faults=[Supply("Z", 2_000_000_000, 0.0)], text=LONG)
     assert "motor Z: its supply is off" in run.result.fault
     assert run.result.fault.startswith("line ")
     assert run.result.verdict is None
