@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from machines import bringup
 from machines.bringup import Connection
+from machines.diagnosis import explained
 from machines.schema import MachineConfig
 from machines.session import Session, SessionError
 from nmc.bus import Bus
@@ -46,7 +47,10 @@ def at_work(config: MachineConfig, port: str | None = None, seed: int | None = N
         with bringup.armed(session.connection):
             try:
                 yield session.connection
-            except (NmcError, ValueError) as error:
+            except NmcError as error:
+                positions = _stopped(session, error)
+                raise SessionError(explained(session.connection, error), positions) from error
+            except ValueError as error:
                 raise SessionError(str(error), _stopped(session, error)) from error
             except BaseException:
                 session.stop()

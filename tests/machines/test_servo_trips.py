@@ -1,7 +1,7 @@
 """A PIC-SERVO that switches itself off, or loses its supply, stops the machine; the fault names motor and line."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,16 @@ import pytest
 
 from gcode.canon import ORIGIN
 from gcode.setup import Setup
+from machines.commission import Asker, at_work
 from machines.control import Script
 from machines.job import Job, plan_job, read_job
 from machines.load import MachineFile, read_machine
 from machines.runner import RunOptions, RunResult, perform
+from machines.schema import MachineConfig
+from machines.servobench import ServoBench
 from machines.session import Session, SessionError, State
 from nmc.chips import picservo
+from nmc.picservo import Gains, PicServo
 from nmc.program import Evidence
 from planner.plan import Plan
 from sim.build import Simulation
@@ -333,3 +337,28 @@ def test_a_good_run_raises_no_alarm(name: str, profile: str, tmp_path: Path) -> 
     assert run.result.outcome is not None
     assert run.result.outcome.finished
     assert [fields["state"] for event, _, fields in run.notes if event == "state"] == ["running", "idle"]
+
+
+def lose_supply_at_work(config: MachineConfig) -> None:
+    with at_work(config) as connection:
+        assert connection.simulation is not None
+        connection.simulation.servos()["Y"].set_supply(0.0)
+        PicServo(connection.buses[0], 2).poll(50_000_000)
+
+
+def test_a_servo_that_trips_beside_a_measurement_is_named(tmp_path: Path) -> None:
+    config = machine_of(tmp_path, "mill3-servo").config
+    with pytest.raises(SessionError, match=r"^motor Y: its supply is off") as caught:
+        lose_supply_at_work(config)
+    assert caught.value.positions is not None
+
+
+def test_on_the_bench_a_trip_is_a_finding(tmp_path: Path) -> None:
+    """Gains that trip the axis end the trial; the axis is then held again by its own and brought back."""
+    config = machine_of(tmp_path, "mill3-servo").config
+    safe = Gains(220, 2640, 150, 4000, position_error_limit=2000)
+    with at_work(config) as connection:
+        bench = ServoBench(PicServo(connection.buses[0], 1), safe, 400, Asker(connection.buses[0]))
+        response = bench.step(replace(safe, position_error_limit=5), 100, 60)
+        assert not response.whole
+        assert abs(bench.chip.position() - bench.home) <= 4
