@@ -221,8 +221,6 @@ class Session:
         statistics = streamed.statistics
         statistics.slice_ms = self._slice_ms(statistics.loads, end_ns - source.plan_start_ns)
         self._change(State.IDLE if streamed.last is None else State.STOPPED)
-        end_ns = self.now_ns
-        positions = self._positions()
         return Outcome(
             finished=streamed.last is None,
             plan_start_ns=source.plan_start_ns,
