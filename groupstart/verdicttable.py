@@ -55,9 +55,12 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
     if verdict.motor_contour_um is not None:
         rows.append(("shafts from the plan", f"{_spread(verdict.motor_contour_um)} um"))
     if verdict.program_um is not None:
-        rows.append(("from the programmed path", f"at most {verdict.program_um:.1f} um"))
+        shafts = verdict.shaft_program_um
+        words = f"at most {verdict.program_um:.1f} um" + ("" if shafts is None else f", shafts at most {shafts:.1f} um")
+        rows.append(("from the programmed path", words))
     if verdict.lag_ms is not None:
         rows.append(("lag along the path", f"at most {verdict.lag_ms[0]:.1f} ms, rms {verdict.lag_ms[1]:.2f} ms"))
+    rows += _lag_rows(verdict)
     rows.append(("end error", f"{_by_motor(verdict.end_error_steps)} steps"))
     if verdict.shafts is not None:
         rows += _shaft_rows(verdict.shafts)
@@ -81,6 +84,21 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
         return rows  # what went against the data sheets only the twin can tell
     names = ", ".join(f"{name}: {count}" for name, count in verdict.violations.items())
     rows.append(("violations of the data sheets", names or "none"))
+    return rows
+
+
+def _lag_rows(verdict: Verdict) -> list[tuple[str, str]]:
+    """The axis and the line that are latest; all of them are in the report."""
+    rows = []
+    for what, use in (("lag, worst axis and line", verdict.lags), ("lag of the shafts", verdict.shaft_lags)):
+        if use is None or not use.lines:
+            continue
+        axis, line = use.worst_motor, use.worst_line
+        found = use.motors[axis]
+        words = f"{axis} at most {found.max_ms:.1f} ms, rms {found.rms_ms:.2f} ms; "
+        words += f"{use.lines[line][0]:.1f} ms in line {line}"
+        path = f"at most {use.max_ms:.1f} ms, rms {use.rms_ms:.2f} ms; " if use is verdict.shaft_lags else ""
+        rows.append((what, path + words))
     return rows
 
 

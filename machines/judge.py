@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from machines.lags import lag_use
 from machines.outcome import Outcome
 from machines.schema import MachineConfig
 from machines.shafts import ShaftUse, end_counts, shaft_limits_um, shafts_off_um
@@ -38,12 +39,15 @@ def judge(
     """The verdict of a run. ``trace``: of the twin, None on real ports; ``programmed``: polyline f8[M, A] or None."""
     trajectory = plan.trajectory
     contour, shaft = None, None
+    off_um: dict[str, float] = {}
     if trace is not None:
-        contour, shaft = _contours(config, trajectory, outcome, trace, programmed)
+        reference = reference_of(trajectory, programmed)
+        contour, shaft = _contours(config, reference, outcome, trace)
+        off_um = shafts_off_um(trace, config, reference)
     end_error = _end_error(config, trajectory, outcome) if contour is None else contour.end_error_steps
     steps = None if contour is None else _spread(contour.contour_steps)
     sim_time_s = None if contour is None else contour.sim_time_s
-    shafts = _shaft_use(config, trajectory, outcome, trace)
+    shafts = _shaft_use(config, trajectory, outcome, off_um)
     reasons = reasons_against(
         config.verify,
         plan_time_s=trajectory.duration_s,
@@ -79,6 +83,9 @@ def judge(
         holds=outcome.holds,
         host=_host_use(outcome),
         shafts=shafts,
+        lags=None if contour is None else lag_use(contour),
+        shaft_lags=None if shaft is None else lag_use(shaft),
+        shaft_program_um=None if shaft is None or programmed is None else shaft.program_um,
     )
 
 
@@ -134,18 +141,17 @@ def trace_pins(
     position += shift
     for motor, time_ns, steps in zip(trace.slip_axis, trace.slip_ns, trace.slip_steps, strict=True):
         position[found.time_ns >= time_ns, motor] += steps  # the motor slipped, its counter does not know
-    return Pins(found.time_ns, position)
+    return Pins(found.time_ns, position, found.straight)
 
 
 def _contours(
-    config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace, programmed: F8 | None
+    config: MachineConfig, reference: Reference, outcome: Outcome, trace: Trace
 ) -> tuple[Contour, Contour | None]:
     """What was commanded against the plan, and of a machine with servos also where the shafts were."""
     by_name = {motor.name: motor for motor in every_motor(config)}
     names = trace.axes
     followed = tuple(by_name[name].axis for name in names)
     scale = np.array([scale_of(by_name[name]) for name in names])
-    reference = reference_of(trajectory, programmed)
 
     def against(servo_counts: npt.NDArray[np.int32] | F8, lead_ns: Mapping[str, int] | None = None) -> Contour:
         out = trace_pins(trace, outcome.begins_at, servo_counts, lead_ns)
@@ -173,13 +179,15 @@ def _end_error(config: MachineConfig, trajectory: Trajectory, outcome: Outcome) 
     return {name: ends[name] - wanted for name, wanted in _wanted(config, trajectory).items()}
 
 
-def _shaft_use(config: MachineConfig, trajectory: Trajectory, outcome: Outcome, trace: Trace | None) -> ShaftUse | None:
+def _shaft_use(
+    config: MachineConfig, trajectory: Trajectory, outcome: Outcome, off_um: dict[str, float]
+) -> ShaftUse | None:
     if not outcome.shafts:
         return None
     return ShaftUse(
         end_counts(outcome.shafts, _wanted(config, trajectory)),
         SERVO_STANDS_WITHIN,
-        {} if trace is None else shafts_off_um(trace, config, reference_of(trajectory)),
+        off_um,
         shaft_limits_um(config),
     )
 

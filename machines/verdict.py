@@ -7,9 +7,10 @@ What is not known is None, and is left out of the judgement.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from machines.lags import LagUse, lag_fields
 from machines.ratecontrol import HoldRecord
 from machines.schema import VerifyTable
 from machines.shafts import ShaftUse, reasons_of_shafts
@@ -105,10 +106,13 @@ class Verdict:
     warnings: tuple[str, ...] = ()
     """What is no reason against the run, but should be known."""
     shafts: ShaftUse | None = None
+    lags: LagUse | None = None
+    shaft_lags: LagUse | None = None
+    shaft_program_um: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The fields as ``verify --json`` prints them."""
-        data = asdict(self)
+        data = asdict(replace(self, lags=None, shaft_lags=None))  # of a long program, a great many lines
         data["axes"] = list(self.axes)
         data["reasons"] = list(self.reasons)
         data["profile_notes"] = list(self.profile_notes)
@@ -118,13 +122,20 @@ class Verdict:
         data["holds"] = list(data["holds"])
         if self.outputs is None:
             del data["outputs"]  # it has none
-        del data["shafts"]
+        for name in ("shafts", "lags", "shaft_lags", "shaft_program_um"):
+            del data[name]
         if self.shafts is not None:
             data["shaft_end_counts"] = dict(self.shafts.end_counts)
             data["shaft_off_um"] = dict(self.shafts.off_um)
             data["shaft_limit_um"] = dict(self.shafts.limit_um)
         data["program_um"] = None if self.program_um is None else {"max": self.program_um}
         data["lag_ms"] = None if self.lag_ms is None else {"max": self.lag_ms[0], "rms": self.lag_ms[1]}
+        data |= lag_fields(self.lags, "")
+        if self.shaft_lags is not None:
+            data["shaft_lag_ms"] = {"max": self.shaft_lags.max_ms, "rms": self.shaft_lags.rms_ms}
+        data |= lag_fields(self.shaft_lags, "shaft_")
+        if self.shaft_program_um is not None:
+            data["shaft_program_um"] = {"max": self.shaft_program_um}
         return data
 
 

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sim.lag import MOVING_UNITS_S, WINDOW_S, Lags, lags_of
 from sim.pulses import F8, Pins, StepRuns, pins
 
 I8 = npt.NDArray[np.int64]
-WINDOW_S = 0.12
-MOVING_UNITS_S = 0.5
-"""Lag is counted only where the plan moves faster than this; at rest every instant is as near as any other."""
 FOLLOW_AHEAD_MM = 0.5
 LOST_MM = 0.1
 END_ROWS = 4096
@@ -58,6 +56,7 @@ class Contour:
     end_error_steps: dict[str, int]
     worst_line: int
     worst_time_s: float
+    lags: Lags
 
 
 def compare(
@@ -90,36 +89,42 @@ def compare_pins(
     planned = reference.q[:, column]
     knots = planned * per_unit
     first = int(np.searchsorted(out.time_ns, plan_start_ns))
-    out = Pins(out.time_ns[first:], out.position[first:])
+    every = out
+    out = Pins(out.time_ns[first:], out.position[first:], out.straight)
     time_s = (out.time_ns - plan_start_ns) * 1e-9
     wanted = np.floor(knots[-1] + 0.5).astype(np.int64)
     if not len(time_s):
         zero = Spread(0.0, 0.0, 0.0)
         start = np.floor(knots[0] + 0.5).astype(np.int64)
         missing = {name: int(start[m] - wanted[m]) for m, name in enumerate(motors)}
-        return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, missing, 0, 0.0)
+        nothing = np.zeros(len(motors))
+        none = Lags(motors, nothing, nothing, np.zeros(0, np.int32), np.zeros(0), np.zeros((0, len(motors))))
+        return Contour(float(reference.t_s[-1]), zero, zero, 0.0, 0.0, 0.0, missing, 0, 0.0, none)
     end_error = {name: round(float(out.position[-1, m])) - int(wanted[m]) for m, name in enumerate(motors)}
     window = _window(time_s, reference.t_s)
     in_steps, nearest_s = _distance(out.position, time_s, window, reference.t_s, knots)
-    places = out.position / per_unit
+    stood = out.position / per_unit
     scales = np.abs(per_unit)
     if (scales == scales[0]).all():
         in_units = in_steps / scales[0]
     else:
-        in_units, _ = _distance(places, time_s, window, reference.t_s, planned)
+        in_units, _ = _distance(stood, time_s, window, reference.t_s, planned)
     worst = int(np.argmax(in_steps))
-    lag = (time_s - nearest_s)[_moving(reference, time_s)] * 1e3
+    moving = _moving(reference, time_s)
+    lag_s, nearest_s = (time_s - nearest_s)[moving], nearest_s[moving]
+    lag = lag_s * 1e3
     at = min(int(np.searchsorted(reference.t_s, time_s[worst])), len(reference.line) - 1)
     return Contour(
         sim_time_s=_sim_time(out, time_s, reference, knots),
         contour_um=_spread(in_units * 1e3),
         contour_steps=_spread(in_steps),
-        program_um=_program_error(places, time_s, window, reference, column) * 1e3,
+        program_um=_program_error(stood, time_s, window, reference, column) * 1e3,
         lag_ms_max=float(np.max(np.abs(lag), initial=0.0)),
         lag_ms_rms=float(np.sqrt(np.mean(lag**2))) if len(lag) else 0.0,
         end_error_steps=end_error,
         worst_line=int(reference.line[at]),
         worst_time_s=float(time_s[worst]),
+        lags=lags_of(every, plan_start_ns, motors, reference.t_s, knots, per_unit, reference.line, (lag_s, nearest_s)),
     )
 
 

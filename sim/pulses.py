@@ -54,10 +54,14 @@ class ServoTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pins:
-    """Where the motors stood: time_ns f8[K] ascending, position f8[K, M] in steps or counts."""
+    """Where the motors stood: time_ns f8[K] ascending, position f8[K, M] in steps or counts.
+
+    straight: columns of motors that move straight from one place to the next; the others jump.
+    """
 
     time_ns: F8
     position: F8
+    straight: tuple[int, ...] = ()
 
 
 def pins(runs: StepRuns, servos: Sequence[ServoTrack] = ()) -> Pins:
@@ -74,4 +78,4 @@ def pins(runs: StepRuns, servos: Sequence[ServoTrack] = ()) -> Pins:
         position[:] = runs.start_steps
     for track in servos:
         position[:, track.motor] = np.interp(time_ns, track.time_ns, track.position)
-    return Pins(time_ns, position)
+    return Pins(time_ns, position, tuple(track.motor for track in servos))

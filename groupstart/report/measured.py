@@ -14,7 +14,7 @@ from machines.wiring import command_leads_ns, every_motor, scale_of
 from planner.cy545 import Indexer
 from planner.motors import Motor
 from planner.types import F8, I4, Trajectory
-from sim.compare import MOVING_UNITS_S, WINDOW_S
+from sim.lag import MOVING_UNITS_S, WINDOW_S
 from sim.pulses import Pins
 from sim.trace import Trace
 

@@ -10,10 +10,11 @@ from groupstart.report.digest import exchanges_digest, text_digest, trace_digest
 from groupstart.report.measured import measured_pins, shifts, steps_of, worst_by_line, worst_places
 from groupstart.report.skew import starts
 from groupstart.report.verifypage import ReportInput
+from machines.lags import by_line
 
 
 def report_json(source: ReportInput) -> dict[str, Any]:
-    """Fields: verdict (as ``verify --json``), worst, error_by_line, digests, seed, bus."""
+    """Fields: verdict (as ``verify --json``), worst, error_by_line, lag_by_line, digests, seed, bus."""
     result = source.result
     data: dict[str, Any] = {
         "verdict": None if result.verdict is None else result.verdict.as_json(),
@@ -32,6 +33,10 @@ def report_json(source: ReportInput) -> dict[str, Any]:
         data["shifts"] = [asdict(shift) for shift in shifts(measured, trajectory, steps_of(source.machine.config))]
         lines, worst = worst_by_line(measured, trajectory)
         data["error_by_line"] = {int(n): round(float(um), 3) for n, um in zip(lines, worst, strict=True)}
+    if result.verdict is not None:
+        for name, use in (("lag_by_line", result.verdict.lags), ("shaft_lag_by_line", result.verdict.shaft_lags)):
+            if use is not None:
+                data[name] = by_line(use)
     if result.trace is not None:
         found = clocks(source.machine.config, result.trace, trajectory.duration_s)
         data["starts"] = [asdict(s) for s in starts(source.machine.config, result.trace, trajectory)]

@@ -32,10 +32,11 @@ from groupstart.report.skew import starts
 from groupstart.report.zmap import DEFAULT_DIAMETER_MM, HeightMap, height_maps
 from machines.load import MachineFile
 from machines.runner import RunResult
+from machines.verdict import Verdict
 from machines.wiring import nmc_buses
 from planner.types import F8
 
-MOST_SIMULATED, MOST_EXCHANGES, BINS, BARS = 150_000, 250_000, 4000, 60
+MOST_SIMULATED, MOST_EXCHANGES, BINS, BARS, LATEST_LINES = 150_000, 250_000, 4000, 60, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,11 +132,23 @@ def _summary(source: ReportInput) -> dict[str, Any]:
         "reasons": list(source.reasons),
         "words": words,
         "verdict_rows": [list(row) for row in rows],
+        "lags": [] if verdict is None else _lag_tables(verdict),
         "violations": violations,
         "digests": digests,
         "seed": source.seed,
         "subtitle": f"on {source.machine.config.machine.name}, planned against simulated",
     }
+
+
+def _lag_tables(verdict: Verdict) -> list[dict[str, Any]]:
+    """Lag by axis and in the lines that come latest, of commands and of shafts."""
+    found = []
+    for what, use in (("lag", verdict.lags), ("lag of the shafts", verdict.shaft_lags)):
+        if use is not None and use.lines:
+            latest = sorted(use.lines.items(), key=lambda item: -item[1][0])[:LATEST_LINES]
+            axes = [[name, lag.max_ms, lag.rms_ms, lag.worst_line] for name, lag in use.motors.items()]
+            found.append({"what": what, "axes": axes, "lines": [[line, *row] for line, row in latest]})
+    return found
 
 
 def histograms(m: Measured) -> dict[str, Any]:

@@ -175,6 +175,9 @@ def test_every_tab_of_a_mixed_machine_opens_in_both_themes(browser: Browser, tmp
     page = tmp_path / "report.html"
     assert cli("verify", COMPASS, "-m", "mill3-mixed", "--report", str(page)).status == 0
     browser.open(page)
+    lags = browser.run("[...document.querySelectorAll('.lags')].map((d) => [...d.querySelectorAll('tr')].length)")
+    assert lags == [3 + 2 + 8, 3 + 2 + 8]  # axes, heads and the latest lines, of commands and of shafts
+    assert "lag of the shafts by axis and line" in browser.run("document.querySelectorAll('.lags')[1].textContent")
     tabs = browser.run("[...document.querySelectorAll('#tabs button')].map((b) => b.dataset.tab)")
     assert tabs == ["motion", "error", "rates", "servo", "bus", "cut"]
     for theme in ("dark", "light"):

@@ -92,6 +92,71 @@ def test_no_pulse_at_all_is_told_by_the_end_error() -> None:
     assert judged(straight(), nothing).end_error_steps == {"X": -1000, "Y": 0}
 
 
+def test_one_axis_that_is_late_is_told_apart_from_the_other() -> None:
+    """Ideal pulses are half a step short of each place: at 0.5 ms, 1.5 ms, ...; Y has all of them 5 ms later."""
+    lags = judged(straight(y_mm=10.0), runs_of((0, 500_000, 1e6, 1000, 1), (1, 5_500_000, 1e6, 1000, 1))).lags
+    assert lags.motors == ("X", "Y")
+    assert lags.max_ms == pytest.approx([0.0, 5.0], abs=1e-6)
+    assert lags.rms_ms == pytest.approx([0.0, 5.0], abs=1e-6)
+
+
+def test_an_axis_that_is_early_lags_as_much() -> None:
+    lags = judged(straight(), runs_of((0, 3_500_000, 1e6, 997, 1))).lags  # the fourth pulse is in place
+    assert lags.max_ms[0] == pytest.approx(3.0, abs=1e-6)
+    early = judged(straight(), runs_of((0, 500_000, 0.9e6, 1000, 1))).lags
+    assert early.max_ms[0] == pytest.approx(99.9, abs=1e-3)  # the last pulse comes at 899.6 ms for 999.5 ms
+
+
+def test_pins_that_are_late_in_one_line_are_late_in_no_other() -> None:
+    reference = straight()
+    line = np.where(reference.t_s < 0.5, 7, 30).astype("i4")
+    line[reference.t_s >= 0.8] = 9  # lines need not come in order
+    reference = Reference(reference.axes, reference.t_s, reference.q, line)
+    out = runs_of((0, 500_000, 1e6, 500, 1), (0, 505_500_000, 1e6, 500, 1))
+    lags = judged(reference, out).lags
+    assert lags.lines.tolist() == [7, 9, 30]
+    assert lags.motor_ms[:, 0] == pytest.approx([0.0, 5.0, 5.0], abs=1e-6)
+    assert lags.motor_ms[:, 1] == pytest.approx([0.0, 0.0, 0.0])
+    assert lags.path_ms == pytest.approx([0.5, 4.5, 4.5], abs=1e-6)  # on the new place, not half a step short of it
+    only = judged(reference, runs_of((0, 500_000, 1e6, 800, 1), (0, 805_500_000, 1e6, 200, 1))).lags
+    assert only.motor_ms[:, 0] == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
+
+
+def test_what_no_lag_explains_is_shape_and_not_lag() -> None:
+    """X overshoots by three steps and comes back: the plan passes those places at no time."""
+    t = np.linspace(0.0, 2.0, 2001)
+    q = np.stack((10.0 - np.abs(10.0 * t - 10.0), np.zeros(2001)), axis=1)
+    reference = Reference(("X", "Y"), t, q, np.zeros(2001, "i4"))
+    there_and_back = ((0, 500_000, 1e6, 1000, 1), (0, 1_000_500_000, 1e6, 1000, -1))
+    assert judged(reference, runs_of(*there_and_back)).lags.max_ms[0] == pytest.approx(0.0, abs=1e-6)
+    over = runs_of(
+        (0, 500_000, 1e6, 1000, 1),
+        (0, 1_000_100_000, 1e5, 3, 1),
+        (0, 1_000_450_000, 1e4, 3, -1),
+        there_and_back[1],
+        (1, 400_200_000, 1e6, 3, 1),
+    )
+    verdict = judged(reference, over)
+    assert verdict.contour_steps.max > 2.9
+    assert verdict.lags.max_ms == pytest.approx([0.0, 0.0], abs=1e-6)  # Y is three steps aside where it does not move
+
+
+def test_the_shaft_of_one_servo_that_is_late_is_told_apart_from_the_other() -> None:
+    nothing = StepRuns(*(np.zeros(0, d) for d in ("u1", "i8", "f8", "i4", "i1")), np.zeros(2, "i8"))
+    ticks = np.arange(0, 1900) * 512_000
+    tracks = [ServoTrack(m, ticks, np.clip(ticks * 1e-9 - late, 0.0, 1.0) * 1000.0) for m, late in ((0, 0.005), (1, 0))]
+    lags = compare_pins(straight(y_mm=10.0), pins(nothing, tracks), ("X", "Y"), ("X", "Y"), STEPS, 0).lags
+    assert lags.max_ms == pytest.approx([5.0, 0.0], abs=0.01)
+    assert lags.rms_ms == pytest.approx([5.0, 0.0], abs=0.02)
+
+
+def test_a_motor_that_turns_the_other_way_lags_alike() -> None:
+    out = pins(runs_of((0, 5_500_000, 1e6, 1000, -1), (1, 500_000, 1e6, 1000, 1)))
+    scale = np.array([-100.0, 100.0])
+    lags = compare_pins(straight(y_mm=10.0), out, ("X", "Y"), ("X", "Y"), scale, 0).lags
+    assert lags.max_ms == pytest.approx([5.0, 0.0], abs=1e-6)
+
+
 def test_servo_samples_are_straight_between_ticks_and_judged_from_the_plans_start() -> None:
     nothing = StepRuns(*(np.zeros(0, d) for d in ("u1", "i8", "f8", "i4", "i1")), np.zeros(2, "i8"))
     ticks = np.arange(-10, 2400) * 512_000

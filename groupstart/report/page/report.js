@@ -18,6 +18,7 @@ function reportSide(app, side) {
     box.append(make("h2", { style: "margin-top:10px" }, "lag, ms (along the path, no error of shape)"), bars(page.lag_histogram, "viridis", "pulses"));
     side.append(box);
   }
+  (page.lags || []).forEach((lag) => lagTables(app, side, lag));
   side.append(make("div", {}, make("h2", {}, "verdict"), make("table", {}, ...page.verdict_rows.map(([k, v]) => make("tr", {}, make("td", {}, k), make("td", { class: "num" }, v))))));
   if (page.violations.length) side.append(make("div", {}, make("h2", {}, "violations of the data sheets"), make("table", {}, ...page.violations.map((v) =>
     make("tr", { class: "jump", onclick: () => app.setTime(v.time_s) }, make("td", { class: "num" }, clockText(v.time_s)), make("td", {}, v.module), make("td", {}, v.rule + ": " + v.words))))));
@@ -42,6 +43,19 @@ function shifts(app, side) {
   side.append(make("div", {}, make("h2", {}, "lost places"), make("table", { id: "shifts" }, ...list.map((s) =>
     make("tr", { class: "jump", onclick: () => { app.keepLine = s.line; app.setTime(s.time_s); } },
       make("td", { class: "num" }, "line " + s.line), make("td", { class: "num" }, clockText(s.time_s)), make("td", {}, `${s.axis} ${s.steps >= 0 ? "+" : ""}${s.steps.toFixed(1)} steps, ${s.um >= 0 ? "+" : ""}${s.um.toFixed(0)} um`))))));
+}
+
+// How late each axis is by itself, and the lines that come latest: along the path, then axis by axis.
+function lagTables(app, side, lag) {
+  const number = (text) => make("td", { class: "num" }, text);
+  const row = (cells) => make("tr", {}, ...cells);
+  const head = (words) => row(words.map((h) => make("th", {}, h)));
+  const names = lag.axes.map((a) => a[0]);
+  side.append(make("div", { class: "lags" }, make("h2", {}, lag.what + " by axis and line, ms"),
+    make("table", {}, head(["axis", "max", "rms", "worst in line"]),
+      ...lag.axes.map(([name, most, rms, line]) => row([make("td", {}, name), number(most.toFixed(2)), number(rms.toFixed(2)), number(String(line))]))),
+    make("table", {}, head(["line", "path", ...names]),
+      ...lag.lines.map(([line, ...ms]) => row([number(String(line)), ...ms.map((v) => number(v.toFixed(2)))])))));
 }
 
 function worstList(app, side) {
