@@ -107,7 +107,7 @@ class Load:
             most = int(self.moving * (self.share if linear else self.share**0.5))
             cure = f"at most {most} axes on this bus, " if most > 1 else cure
             what = "speeds" if linear else "accelerations"
-            cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these"
+            cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these (--fit-bus)"
         else:
             cure += "or a host with less jitter"
         allowed = "" if self.lost else f" (contour_steps allows {self.limit_steps:g})"

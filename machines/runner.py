@@ -14,6 +14,7 @@ from machines.busload import Load, overload
 from machines.cautions import cautions
 from machines.choice import Choice
 from machines.control import Control
+from machines.fitting import fitted
 from machines.job import Job
 from machines.judge import judge
 from machines.load import MachineFile
@@ -56,6 +57,8 @@ class RunOptions:
     """Hold, resume, override, stop."""
     warn: Callable[[str], None] | None = None
     """Told in words, before anything moves, what the plan asks of a bus that cannot follow."""
+    fit_bus: bool = False
+    """Plan with lower accelerations or speeds where a bus cannot follow."""
     tell: Callable[[str], None] | None = None
     """Told in words, before anything moves, which profile was chosen and why, where that is not plain."""
 
@@ -116,7 +119,7 @@ def perform(
             job, plan = _from_here(session, job, plan, replan)
             choice = _choose(session, plan, options)
             options = replace(options, profile=choice.profile)
-            load = _overload(config, plan, options)
+            plan, load = _overload(config, job, plan, options)
             plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
             fault = _with_places(str(error), error.positions, machine)
@@ -150,15 +153,21 @@ def _choose(session: Session, plan: Plan, options: RunOptions) -> Choice:
     return choice
 
 
-def _overload(config: MachineConfig, plan: Plan, options: RunOptions) -> Load | None:
-    """What the plan asks too much of a bus, told before anything moves."""
+def _overload(config: MachineConfig, job: Job, plan: Plan, options: RunOptions) -> tuple[Plan, Load | None]:
+    """What the plan asks too much of a bus, told before anything moves; or a plan that does not."""
+    simulated = is_simulated(config, options.port)
     try:
-        load = overload(config, plan.trajectory, options.profile, is_simulated(config, options.port))
+        load = overload(config, plan.trajectory, options.profile, simulated)
     except ValueError as error:
         raise SessionError(str(error)) from None
+    if load is not None and options.fit_bus:
+        fit = fitted(job, config, plan, load, options.profile, simulated)
+        plan, load = fit.plan, fit.load
+        if options.tell is not None:
+            options.tell(fit.words)
     if load is not None and options.warn is not None:
         options.warn(load.words())
-    return load
+    return plan, load
 
 
 def _run_parts(

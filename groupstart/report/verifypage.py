@@ -121,7 +121,8 @@ def _summary(source: ReportInput) -> dict[str, Any]:
     if verdict is not None:
         from groupstart.verdicttable import verdict_rows, words_of_go
 
-        rows, words = verdict_rows(verdict), words_of_go(verdict)
+        rows = verdict_rows(verdict) + [("warning", warning) for warning in verdict.warnings]
+        words = words_of_go(verdict)
     violations = [
         {"time_s": (v.time_ns - (result.trace.plan_start_ns if result.trace else 0)) * 1e-9, "module": v.module,
          "rule": v.rule, "words": v.consequence}

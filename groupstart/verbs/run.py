@@ -49,6 +49,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
+    fit_bus: bool,
     servo_every: int,
     port: str | None,
     home: tuple[str, ...],
@@ -77,7 +78,7 @@ def command(
         folder.write("machine.toml", described.text)
         with writing(folder.path / "plan.npz"):
             plan.save(folder.path / "plan.npz")
-        options = RunOptions(port=port, seed=seed, profile=profile, home=home, ask=asker(yes))
+        options = RunOptions(port=port, seed=seed, profile=profile, home=home, ask=asker(yes), fit_bus=fit_bus)
 
         def replan(start: Position) -> tuple[Job, Plan]:
             again = checked_job(name, text, choices, described, start)

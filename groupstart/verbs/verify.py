@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import click
 
@@ -32,6 +33,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
+    fit_bus: bool,
     servo_every: int,
     as_json: bool,
     trace: str | None,
@@ -54,9 +56,8 @@ def command(
     from groupstart.stopflag import StopFlag
 
     progress = RunProgress(plan.trajectory.duration_s, len(text.splitlines()))
-    options = report.watched(
-        RunOptions(port="sim", seed=seed, profile=profile, warn=progress.warn, tell=progress.tell), plan
-    )
+    asked = RunOptions(port="sim", seed=seed, profile=profile, fit_bus=fit_bus)
+    options = report.watched(replace(asked, warn=progress.warn, tell=progress.tell), plan)
     with progress, StopFlag() as stop:
         result = perform(job, plan, described, options, progress=progress, stop_requested=stop)
     leftovers = Leftovers()

@@ -25,11 +25,15 @@ def estimated(
     return overload(config, plan.trajectory, profile, simulated=True), replace(described, config=config), plan
 
 
-def run(case: Case, profile: str, chips: str = "step", allowed: float = 6.0) -> tuple[RunResult, list[str]]:
+def run(
+    case: Case, profile: str, chips: str = "step", allowed: float = 6.0, *, fit_bus: bool = False
+) -> tuple[RunResult, list[str]]:
     _, described, plan = estimated(case, profile, chips, allowed)
     told: list[str] = []
     job = read_job(program(case, 1), Setup(file="p.nc"), described.config)
-    options = RunOptions(port="sim", seed=1, profile=profile, warn=told.append)
+    options = RunOptions(port="sim", seed=1, profile=profile, warn=told.append, fit_bus=fit_bus)
+    if fit_bus:
+        options = replace(options, tell=told.append)
     return perform(job, plan, described, options), told
 
 
@@ -114,3 +118,35 @@ def test_a_machine_file_is_looked_at_with_all_axes_at_once() -> None:
     assert possible_overload(machine(STEEP, "step").config, simulated=True) is None
     for name in shipped_machines():
         assert possible_overload(load_machine(name), simulated=True) is None
+
+
+@pytest.mark.parametrize(
+    ("axes", "profile", "chips", "what"),
+    [
+        (8, "adaptive", "step", "accelerations"),
+        (3, "stop-here", "servo", "speeds"),
+        (8, "group", "step", "accelerations"),
+    ],
+)
+def test_a_plan_can_be_fitted_to_its_bus(axes: int, profile: str, chips: str, what: str) -> None:
+    case = Case(axes, 115200, 500, 1200)
+    plain, _ = run(case, profile, chips)
+    result, told = run(case, profile, chips, fit_bus=True)
+    assert plain.verdict is not None
+    assert result.verdict is not None
+    assert plain.verdict.contour_steps is not None
+    assert result.verdict.contour_steps is not None
+    assert len(told) == 1
+    assert told[0].startswith(f"planned with {what} of ")
+    assert result.verdict.contour_steps.max < 0.7 * plain.verdict.contour_steps.max
+    assert result.verdict.contour_steps.max < 8
+    assert result.plan.trajectory.duration_s > plain.plan.trajectory.duration_s
+
+
+def test_a_bus_that_nothing_makes_up_for_keeps_its_plan_and_the_warning() -> None:
+    slow = Case(3, 9600, 50, 300)
+    load, _, plan = estimated(slow, "adaptive")
+    assert load is not None
+    result, told = run(slow, "adaptive", fit_bus=True)
+    assert told == ["no lower accelerations or speeds make up for the bus: planned as before", load.words()]
+    assert result.plan.trajectory.duration_s == pytest.approx(plan.trajectory.duration_s)
