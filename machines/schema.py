@@ -52,7 +52,7 @@ class BusTable(Table):
     port: str = Field(default="sim", min_length=1)
     baud: Annotated[int, BeforeValidator(whole)] = 115200
     host_jitter_ms: HostJitter | None = None
-    watchdog_ms: Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)] = 50.0
+    watchdog_ms: Annotated[float, BeforeValidator(number), Field(allow_inf_nan=False)] = 100.0
 
     @model_validator(mode="after")
     def _long_enough(self) -> BusTable:

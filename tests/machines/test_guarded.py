@@ -97,7 +97,7 @@ def test_it_is_armed_while_a_program_runs(guarded: Guarded) -> None:
     result = perform(job, plan_job(job, MACHINE.config, "kernel"), MACHINE, RunOptions())
     assert result.fault == ""
     wards = (Ward(1, "pic-servo"), Ward(2, "pic-servo"), Ward(3, "pic-step"))
-    assert guarded.watched == (wards, (0x81, 0x82), 115200, 50_000_000)
+    assert guarded.watched == (wards, (0x81, 0x82), 115200, 100_000_000)
     assert guarded.changes == [True, False]
     assert guarded.loads_unarmed == 0
 
