@@ -182,13 +182,20 @@ def supervised(link: Link) -> SupervisedLink | None:
 
 
 @contextmanager
-def armed(connection: Connection) -> Iterator[None]:
-    """While something moves, the watchdogs of the ports stop it if this program dies or hangs."""
+def quiet(connection: Connection) -> Iterator[None]:
+    """On a port, no long pauses while something moves; on the twin, where time waits, nothing."""
     if connection.simulation is not None:
         yield
         return
-    guards = [guard for link in connection.links if (guard := supervised(link)) is not None]
     with nothing_old_looked_at():
+        yield
+
+
+@contextmanager
+def armed(connection: Connection) -> Iterator[None]:
+    """While something moves, the watchdogs of the ports stop it if this program dies or hangs."""
+    guards = [guard for link in connection.links if (guard := supervised(link)) is not None]
+    with quiet(connection):
         for guard in guards:
             guard.arm()
         try:

@@ -26,6 +26,7 @@ from machines.programmed import programmed_path
 from machines.questions import NOBODY_READS, questions
 from machines.schema import MachineConfig
 from machines.session import Note, Session, SessionError
+from machines.settling import with_settled_shafts
 from machines.verdict import Verdict
 from machines.wiring import every_motor, motors, planned_axes, scale_of, stands_within
 from nmc.program import Evidence
@@ -129,7 +130,7 @@ def perform(
         violations = tuple(simulation.violations) if simulation else ()
         counts = simulation.log.counts() if simulation else {}
         if outcome is not None and outcome.finished:
-            outcome = session.with_settled_shafts(outcome)
+            outcome = with_settled_shafts(session.connection, outcome)
     if outcome is not None and not outcome.finished:
         fault = _with_places(f"stopped on request in line {outcome.line}", outcome.positions, machine)
     if outcome is None or fault:

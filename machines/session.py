@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -39,7 +38,7 @@ from machines.indexing import IndexingSource, Yard, has_index_moves
 from machines.outcome import Outcome
 from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
-from machines.settling import settle, settled_on_twin
+from machines.settling import settle
 from machines.several import bus_streams, timings_of
 from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
@@ -199,15 +198,16 @@ class Session:
             require_sound(self.connection)
             self._require_start(trajectory, begins_at)
             bringup.park(self.connection)
-            source = self._source(trajectory, profile)
-            with bringup.armed(self.connection):
-                streamed = stream(source, self.connection, self, onlookers)
-                if streamed.last is None:
-                    self._settle(streamed.commanded)
-                    self.note("run_ends", self.now_ns)
-                else:
-                    self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
-                    self.stop()
+            with bringup.quiet(self.connection):  # before the source, which fixes when the motion begins
+                source = self._source(trajectory, profile)
+                with bringup.armed(self.connection):
+                    streamed = stream(source, self.connection, self, onlookers)
+                    if streamed.last is None:
+                        self._settle(streamed.commanded)
+                        self.note("run_ends", self.now_ns)
+                    else:
+                        self.note("stop_requested", self.now_ns, line=streamed.last.exchange.line)
+                        self.stop()
             end_ns = self.now_ns
             positions = self._positions()
             if streamed.last is None:
@@ -351,21 +351,13 @@ class Session:
     def _settle(self, commanded: dict[str, int]) -> None:
         """A servo comes to rest a little after its command: give it time before it is asked where it stands.
 
-        The twin tells of its shafts by itself (``with_settled_shafts``), for which no byte has to be said.
+        The twin tells of its shafts by itself (``machines.settling``), for which no byte has to be said.
         """
         if servo_tables(self.config):
             link = self.connection.links[0]
             link.sleep_until(link.now_ns() + SETTLE_NS)
             if self.connection.simulation is None:
                 settle(self.connection, commanded)
-
-    def with_settled_shafts(self, outcome: Outcome) -> Outcome:
-        """On the twin, let time pass until the shafts stand; take its trace before, this belongs to no run."""
-        simulation = self.simulation
-        if simulation is None or not outcome.commanded:
-            return outcome
-        shafts = settled_on_twin(simulation, self.connection.links[0], outcome.commanded)
-        return replace(outcome, shafts=outcome.shafts | shafts)
 
     def _failed(self, error: BaseException, where: str = "") -> SessionError:
         """Bring everything to rest after a failure; what the caller is to be told of it, and of a stop that failed.

@@ -11,8 +11,10 @@ integral term has grown enough to pull it on, which takes some tenths of a secon
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from machines.bringup import Connection, drivers
+from machines.outcome import Outcome
 from machines.schema import MachineConfig
 from machines.wiring import SERVO_STANDS_WITHIN, motors
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
@@ -22,7 +24,6 @@ from nmc.picservo import PicServo
 from nmc.program import Evidence
 from planner.motors import ServoMotor
 from planner.stream_servo import STOP_HERE_BYTES
-from sim.build import Simulation
 
 WITHIN_NS = 1_500_000_000
 POLL_NS = 10_000_000
@@ -61,14 +62,21 @@ def settle(connection: Connection, wanted: Mapping[str, int]) -> None:
     _wait(connection.links[0], reads, wanted)
 
 
-def settled_on_twin(simulation: Simulation, link: Link, wanted: Mapping[str, int]) -> dict[str, int]:
-    """Let time pass on the twin as ``settle`` does, without a byte on the wire; where the shafts then stand, counts."""
+def with_settled_shafts(connection: Connection, outcome: Outcome) -> Outcome:
+    """On the twin, let time pass as ``settle`` does, without a byte on the wire, and see where the shafts then stand.
+
+    Take its trace before: this belongs to no run.
+    """
+    simulation, wanted = connection.simulation, outcome.commanded
+    if simulation is None or not wanted:
+        return outcome
     servos = simulation.servos()
 
     def read_of(name: str) -> Callable[[], int]:
         return lambda: servos[name].position
 
-    return _wait(link, {name: read_of(name) for name in wanted}, wanted)
+    shafts = _wait(connection.links[0], {name: read_of(name) for name in wanted}, wanted)
+    return replace(outcome, shafts=outcome.shafts | shafts)
 
 
 def _wait(link: Link, reads: Mapping[str, Callable[[], int]], wanted: Mapping[str, int]) -> dict[str, int]:

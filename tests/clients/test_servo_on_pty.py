@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -46,9 +47,17 @@ def serve_text() -> Iterator[Serve]:
 def run_on(
     device: str, machine: str, profile: str = "auto", control: Control | None = None, text: str = PROGRAM
 ) -> RunResult:
+    """Run a program; its stream must be there before its plan begins."""
     ready = plan(text, machine, solver="kernel")
     options = RunOptions(port=device, profile=profile, control=control)
-    result = perform(ready.job, ready.plan, ready.machine, options)
+    begun: list[int] = []
+
+    def note(event: str, time_ns: int, **fields: Any) -> None:
+        if event == "run_begins":
+            begun.append(fields["plan_start_ns"] - time_ns)
+
+    result = perform(ready.job, ready.plan, ready.machine, options, note=note)
+    assert min(begun) > 0, "something long was done between the source and its stream"
     if "bytes came in answer" in result.fault:
         pytest.skip("this computer is too busy for a program in real time: " + result.fault)
     return result

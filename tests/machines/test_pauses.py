@@ -36,3 +36,15 @@ def test_an_error_ends_it() -> None:
     with pytest.raises(ZeroDivisionError), nothing_old_looked_at():
         _ = 1 / 0
     assert gc.get_freeze_count() == 0
+
+
+def test_inside_of_another_one_nothing_is_collected_and_the_outer_one_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    collections: list[int] = []
+    monkeypatch.setattr(gc, "collect", lambda: collections.append(1))
+    gc.unfreeze()
+    with nothing_old_looked_at():
+        with nothing_old_looked_at():
+            pass
+        assert gc.get_freeze_count() > 0
+    assert collections == [1]
+    assert gc.get_freeze_count() == 0
