@@ -36,7 +36,7 @@ LOOK_NS = 400_000
 LOOK_AHEAD_NS = 20_000_000
 UNHEARD_NS = 250_000_000
 """A servo that rests is asked when it has been silent for so long: that it has switched itself off shows in its answers
-only. Where others have much to mend, after twice the time; velocity slices are not interrupted for it."""
+only. Where others have much to mend, after twice the time."""
 IDLE_NS = 20_000_000
 """A held machine is asked how it is this often."""
 
@@ -52,8 +52,6 @@ class AdaptiveSchedule(StepSchedule):
         self.soon_ns = timing.worst_ns(COUNT_BYTES)
         """An appointment this near is waited for. A host that proves slower does not make it longer: slow axes, whose
         every step is an appointment, would keep all others from the bus."""
-        self.points = False
-        """Servos are led by points: these leave time to ask one that rests."""
         self.feedback = Feedback(self, axes)
         self.hold: Hold | None = None
         self._new_times: Trajectory | None = None
@@ -62,7 +60,6 @@ class AdaptiveSchedule(StepSchedule):
         """A PIC-SERVO shares the bus; its loads are longer, and it has no part in group Starts."""
         self.lanes.append(lane)
         self.servos.append(lane)
-        self.points = isinstance(lane, StopHereLane)
         self.exchange_ns = self.timing.mean_exchange_ns(VELOCITY_BYTES if isinstance(lane, SmoothLane) else COUNT_BYTES)
 
     def assume(self, timing: BusTiming) -> None:
@@ -165,7 +162,7 @@ class AdaptiveSchedule(StepSchedule):
             else:
                 yield from lane.mend(turn)
             return
-        silent = self._silent(worth_um) if self.points else None
+        silent = self._silent(worth_um)
         if silent is not None:
             yield from silent.ask()
             return

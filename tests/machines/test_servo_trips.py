@@ -223,12 +223,13 @@ NOTICED_WITHIN_NS = 650_000_000
 """A servo that rests is asked after half a second of silence at the latest."""
 
 
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("name", ["mill3-servo", "mill3-mixed"])
-def test_points_leave_time_to_ask_a_servo_that_rests(name: str, tmp_path: Path) -> None:
+def test_a_servo_that_rests_is_asked_while_others_move(name: str, profile: str, tmp_path: Path) -> None:
     lost_ns = 2_000_000_000
     motor = "Z" if name == "mill3-servo" else "Y"
     text = LONG if motor == "Z" else "G21 G90\nF600\nG1 X25 Z-5\nG1 X1 Z0\nM2\n"
-    run = ran(machine_of(tmp_path, name), profile="stop-here", faults=[Supply(motor, lost_ns, 0.0)], text=text)
+    run = ran(machine_of(tmp_path, name), profile=profile, faults=[Supply(motor, lost_ns, 0.0)], text=text)
     assert run.result.fault.startswith(f"line 3: motor {motor}: its supply is off")
     assert 0 < run.first("fault") - lost_ns < NOTICED_WITHIN_NS
     assert all_stand(run.simulation, but=motor)
