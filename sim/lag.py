@@ -9,7 +9,7 @@ place                       the plan of one axis passes a place at p, its motor 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,14 @@ class Lags:
     lines: npt.NDArray[np.int32]
     path_ms: F8
     motor_ms: F8
+
+    def __eq__(self, other: object) -> bool:
+        """Whether every figure is the same."""
+        return isinstance(other, Lags) and all(
+            np.array_equal(getattr(self, field.name), getattr(other, field.name)) for field in fields(self)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 def lags_of(
