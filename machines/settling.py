@@ -34,12 +34,13 @@ STILL_COUNTS = 1
 class LastCommands:
     """Where every PIC-SERVO was told to stand by the last command that its chip has answered.
 
-    ``counts``: by motor; a motor that was last told to move on is not in it.
+    ``counts``: by motor; a motor that was last told to move on is not in it. ``needed``: there are any PIC-SERVOs.
     """
 
     def __init__(self, config: MachineConfig) -> None:
         self._names = {(m.bus, m.address): m.name for m in motors(config) if isinstance(m, ServoMotor)}
         self.counts: dict[str, int] = {}
+        self.needed = bool(self._names)
 
     def see(self, evidence: Evidence) -> None:
         """Take note of an exchange."""

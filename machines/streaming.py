@@ -79,7 +79,8 @@ def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor,
         for evidence in evidences:
             busy_ns[evidence.exchange.bus] += evidence.replied_ns - evidence.sent_ns
             statistics.loads += _is_load(evidence.exchange)
-            told.see(evidence)
+            if told.needed:
+                told.see(evidence)
             onlookers.watch(evidence)
             if evidence.exchange.line != line:
                 line = evidence.exchange.line
