@@ -13,9 +13,8 @@ LATE_PER_S = 1.0
 def cautions(verdict: Verdict, load: Load | None) -> tuple[str, ...]:
     """Warnings in words. ``load``: what was estimated of the buses; on the twin the measured contour knows better."""
     found = []
-    known_good = verdict.contour_steps is not None and not any(
-        reason.startswith("contour error") for reason in verdict.reasons
-    )
+    contour = verdict.contour_steps
+    known_good = load is not None and contour is not None and contour.max <= load.limit_steps
     if load is not None and not known_good:
         found.append(load.words())
     late, time_s = verdict.late_slices, max(verdict.plan_time_s, 1e-9)

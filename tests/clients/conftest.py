@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +17,18 @@ from nmc.serial_link import DescriptorLink
 from sim.build import Simulation, build
 from sim.spec import BusSpec, Module
 from sim.virtualport import VirtualPort
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def device() -> Iterator[str]:
+    """The terminal of a machine in real time."""
+    command = [sys.executable, "-m", "groupstart", "sim", "--pty", "-m", "mill3-step"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as served:
+        assert served.stdout is not None
+        yield served.stdout.readline().strip()
+        served.terminate()
 
 
 @pytest.fixture

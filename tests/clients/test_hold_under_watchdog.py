@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,16 +16,6 @@ pytestmark = pytest.mark.clients
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = "G21 G90 G64 P0.05 F1200\nG1 X30 Y8 Z-5\nG1 X2 Y30 Z-1\nG1 X40 Y12 Z-9\nG1 X0 Y0 Z0\nM2\n"
 WORDS = [(0.5, "feed 80"), (0.9, "feed 60"), (1.3, "feed 120"), (1.7, "hold"), (2.4, "resume"), (2.9, "feed 100")]
-
-
-@pytest.fixture
-def device() -> Iterator[str]:
-    """The terminal of a machine in real time."""
-    command = [sys.executable, "-m", "groupstart", "sim", "--pty", "-m", "mill3-step"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as served:
-        assert served.stdout is not None
-        yield served.stdout.readline().strip()
-        served.terminate()
 
 
 @pytest.mark.parametrize("profile", ["adaptive", "group"])

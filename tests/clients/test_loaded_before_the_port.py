@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,16 +37,6 @@ late = sorted(name for name in closed[-1] - opened[0] if name.split(".")[0] in s
 print("STATUS", status, "LATE", late, "COMPILED", FINDER.active, {LIBRARY, KERNELS} <= opened[0], flush=True)
 """
 PROGRAM = "G21 G90 G64 P0.01 F1200\nG1 X5 Y2\nG3 X5 Y8 I0 J3\nG1 X0 Y0\nM2\n"
-
-
-@pytest.fixture
-def device() -> Iterator[str]:
-    """The terminal of a machine in real time."""
-    command = [sys.executable, "-m", "groupstart", "sim", "--pty", "-m", "mill3-step"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as served:
-        assert served.stdout is not None
-        yield served.stdout.readline().strip()
-        served.terminate()
 
 
 @pytest.mark.parametrize("switch", ["0", "1"], ids=["sources", "compiled"])

@@ -1,5 +1,6 @@
 """A PIC-SERVO that switches itself off, or loses its supply, stops the machine; the fault names motor and line."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,12 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))
+from altered import machine_of
+
 from gcode.canon import ORIGIN
 from gcode.setup import Setup
 from machines.commission import Asker, at_work
 from machines.control import Script
 from machines.job import Job, plan_job, read_job
-from machines.load import MachineFile, read_machine
+from machines.load import MachineFile
 from machines.runner import RunOptions, RunResult, perform
 from machines.schema import MachineConfig
 from machines.servobench import ServoBench
@@ -77,16 +81,6 @@ class Ran:
         begins_ns = self.first("run_begins")
         said = [each for each in self.simulation.log.incidents if each.what.startswith("servo disabled")]
         return next(each.time_ns for each in said if each.module == motor and each.time_ns > begins_ns)
-
-
-def machine_of(tmp_path: Path, name: str, *changes: tuple[str, str]) -> MachineFile:
-    text = read_machine(name).text
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
-    path = tmp_path / f"{name}.toml"
-    path.write_text(text)
-    return read_machine(str(path))
 
 
 def blocked(tmp_path: Path, name: str = "mill3-servo", *changes: tuple[str, str]) -> MachineFile:

@@ -1,14 +1,18 @@
 """What a PIC-STEP protects its motor from in a run is told: which motor; limit switch, emergency stop or supply."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))
+from altered import machine_of
+
 from gcode.canon import ORIGIN
 from gcode.setup import Setup
 from machines.job import plan_job, read_job
-from machines.load import MachineFile, read_machine
+from machines.load import MachineFile
 from machines.runner import RunOptions, RunResult, perform
 from machines.session import Session, SessionError
 from machines.troubles import ESTOP, LIMIT1, LIMIT2, SUPPLY, Trouble, servo_troubles, stepper_troubles
@@ -19,16 +23,6 @@ from sim.faults import Dead, Fault, Inputs, Noise, schedule
 PROGRAM = "G21 G90 G64 P0.01\nG0 X5 Y5 Z1\nF900\nG1 X15 Y8 Z0.5\nG2 X15 Y18 I0 J5\nG1 X6 Y9 Z1\nM2\n"
 AT_NS = 2_000_000_000
 LIMIT = "its limit switch LIMIT1 (forward) is on: move it off the switch, then home again ("
-
-
-def machine_of(tmp_path: Path, name: str, *changes: tuple[str, str]) -> MachineFile:
-    text = read_machine(name).text
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
-    path = tmp_path / f"{name}.toml"
-    path.write_text(text)
-    return read_machine(str(path))
 
 
 def ran(machine: MachineFile, *faults: Fault, profile: str = "auto", seed: int = 1, text: str = PROGRAM) -> RunResult:
