@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nmc.budget import BusTiming
 from planner.motors import StepMotor
 from planner.quantize import I8, NS_PER_S, nearest_step, period_range_ns, step_crossings
 from planner.types import F8, Coordinates, Trajectory, nobody_asks
@@ -30,6 +31,12 @@ GAP_SHARE = 0.9
 GAP_MAX_S = 0.012
 """A gap longer than this, or than this share of the longest period, begins a new leg: slow steps are single moves
 timed exactly, for a count that meets a long period at the wrong side of its roll-over puts the axis that period off."""
+GAP_LOADS = 9.0
+"""On a bus of few baud a gap may be so many loads of a leg, or single moves would leave it to nothing else."""
+GAP_LOADS_TOGETHER = 3.0
+"""Where axes begin and stand together, so many loads of each: none may end a slice before the next is loaded."""
+LEG_BYTES = 8
+"""Data bytes of such a load (PIC-STEP data sheet, section 5.1)."""
 COARSE, REST_STEPS = 5, 0.1
 """A resting axis is looked at every fifth sample: between two of them it cannot go so far and come back (a t^2 / 4: at
 500 mm/s2 in half a millisecond 0.03 um)."""
@@ -70,6 +77,7 @@ class Train(ABC):
     motor: StepMotor
     trajectory: Trajectory
     start_steps: int
+    gap_s: float
     alive: Callable[[], None]
 
     @abstractmethod
@@ -79,6 +87,21 @@ class Train(ABC):
     @abstractmethod
     def pop(self) -> Leg:
         """Take the next leg."""
+
+    @abstractmethod
+    def join(self, before_ns: int) -> None:
+        """Make one leg of the next and those behind it that go on its way and are due before ``before_ns``."""
+
+
+def longest_gap_s(motor: StepMotor, timing: BusTiming | None = None, together: int = 0) -> float:
+    """The longest gap within a leg of a motor; on a bus of this timing.
+
+    together: how many axes begin their steps together, and wait for each other (profile ``exact``).
+    """
+    load_s = 0.0 if timing is None else (timing.command_ns(LEG_BYTES) + timing.reply_ns(0)) / NS_PER_S
+    _, longest_ns = period_range_ns(motor.speed_mode)
+    gap_s = min(GAP_SHARE * longest_ns / NS_PER_S, max(GAP_MAX_S, GAP_LOADS * load_s))
+    return max(gap_s, together * GAP_LOADS_TOGETHER * load_s)
 
 
 class Samples:
@@ -106,6 +129,7 @@ class StepTrain(Train):
     from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step
     nearest to the plan; the difference is made up, or saved, on the way. chunk_s: how much is sampled at once.
     samples: of the same trajectory, shared by trains that begin and are cut alike. alive: called before each chunk.
+    gap_s: a longer gap begins a new leg; 0: as on a fast bus.
     """
 
     def __init__(
@@ -117,6 +141,7 @@ class StepTrain(Train):
         chunk_s: float = CHUNK_S,
         samples: Samples | None = None,
         alive: Callable[[], None] = nobody_asks,
+        gap_s: float = 0.0,
     ) -> None:
         self.motor = motor
         self.alive = alive
@@ -128,8 +153,7 @@ class StepTrain(Train):
         self.column = trajectory.axes.index(motor.axis)
         self._level = nearest_step(float(trajectory.q(np.array([from_s]))[0, self.column]), motor.steps_per_unit)
         self.start_steps = self._level if start_steps is None else start_steps
-        _, longest = period_range_ns(motor.speed_mode)
-        self.gap_s = min(GAP_SHARE * longest / NS_PER_S, GAP_MAX_S)
+        self.gap_s = gap_s or longest_gap_s(motor)
         self._legs = self._cut()
         self._ahead: deque[Leg] = deque()
 
@@ -148,6 +172,18 @@ class StepTrain(Train):
         assert leg is not None
         self._ahead.popleft()
         return leg
+
+    def join(self, before_ns: int) -> None:
+        """Make one leg of the next and those behind it that go on its way and are due before ``before_ns``."""
+        first = self.peek()
+        if first is None or first.instants_ns[-1] >= before_ns:
+            return
+        joined: list[Leg] = []
+        while (leg := self.peek()) is not None:
+            if joined and (leg.direction != joined[0].direction or leg.instants_ns[0] >= before_ns):
+                break
+            joined.append(self.pop())
+        self._ahead.appendleft(joined[0] if len(joined) == 1 else _joined(joined))
 
     def _steps(self) -> Iterator[tuple[F8, I8]]:
         """Chunks of (time, direction) of all steps, apex pairs removed; what may still pair is carried on."""
@@ -222,8 +258,16 @@ def _settled(owed: int, from_s: float, times: F8, directions: I8) -> tuple[F8, I
     return times, np.concatenate((made, directions[saved:]))
 
 
+def _joined(legs: list[Leg]) -> Leg:
+    """One leg of several that follow each other the same way."""
+    return _leg_of(np.concatenate([leg.times_ns for leg in legs]), legs[0].direction, legs[0].start_steps)
+
+
 def _leg(times_s: F8, direction: int, start_steps: int) -> Leg:
-    times_ns = np.rint(times_s * NS_PER_S).astype(np.int64)
+    return _leg_of(np.rint(times_s * NS_PER_S).astype(np.int64), direction, start_steps)
+
+
+def _leg_of(times_ns: I8, direction: int, start_steps: int) -> Leg:
     stop_steps = start_steps + direction * len(times_ns)
     return Leg(direction, start_steps, stop_steps, times_ns, times_ns.tolist(), np.diff(times_ns).tolist())
 

@@ -16,7 +16,7 @@ from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
 from planner.motors import Motor, ServoMotor, StepMotor
 from planner.quantize import NS_PER_S
-from planner.steptrain import Samples, StepTrain
+from planner.steptrain import Samples, StepTrain, longest_gap_s
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import StepAxis
 from planner.stream_base import StepSchedule
@@ -217,8 +217,13 @@ def make_source(
     steppers = [motor for motor in motors if isinstance(motor, StepMotor)]
     servos = [motor for motor in motors if isinstance(motor, ServoMotor)]
     samples = Samples(trajectory)
-    trains = [StepTrain(trajectory, motor, samples=samples, alive=alive) for motor in steppers]
-    if profile == "exact" and not servos:
+    exact = profile == "exact" and not servos
+    together = len(steppers) if exact else 0
+    trains = [
+        StepTrain(trajectory, motor, samples=samples, alive=alive, gap_s=longest_gap_s(motor, timing, together))
+        for motor in steppers
+    ]
+    if exact:
         schedule: StepSchedule = ExactSchedule([PieceTrain(t) for t in trains], timing, motors[0].bus, start_ns)
         return StreamSource(trajectory, schedule, start_ns)
     axes = [StepAxis(train, timing, start_ns) for train in trains]

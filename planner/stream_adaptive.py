@@ -15,8 +15,9 @@ from collections.abc import Sequence
 
 from nmc.budget import BusTiming
 from nmc.program import Exchange
+from planner.steptrain import LEG_BYTES
 from planner.stream_axis import StepAxis
-from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, StepSchedule, Stream
+from planner.stream_base import COUNT_BYTES, NO_OPERATION, StepSchedule, Stream
 from planner.stream_feedback import Feedback
 from planner.stream_hold import Hold
 from planner.stream_lane import Lane, StepLane, Turn
@@ -31,6 +32,8 @@ ASTRAY_UM = 1.5
 """A load that mends this much comes before an axis is taken into the group."""
 HORIZON = 0.6
 """Share of the time between two turns of an axis after which a load should have put it right, plus one turn."""
+OVERDUE = 2
+"""An appointment is overdue when so many exchanges have come before it."""
 LOOK_NS = 400_000
 """First step of the search for the next moment at which something is worth sending; it grows by a quarter a step."""
 LOOK_AHEAD_NS = 20_000_000
@@ -154,7 +157,7 @@ class AdaptiveSchedule(StepSchedule):
     def proceed(self) -> Stream:
         """The most urgent thing; or, if nothing is, whatever will be, at its time."""
         turn = Turn(self.now_ns, self._horizon_ns())
-        first = self._next_appointment(turn.horizon_ns)
+        first = self._next_appointment(turn)
         lane, worth_um = self._most_urgent(turn)
         if first is not None and first[0] <= self.now_ns + self.soon_ns:
             if lane is None or not self._comes_first(first, lane, worth_um, turn):
@@ -201,13 +204,23 @@ class AdaptiveSchedule(StepSchedule):
         """When an axis will get its next turn: the moving ones share the bus."""
         return int(HORIZON * self.exchange_ns * max(self.moving, 1)) + self.exchange_ns
 
-    def _next_appointment(self, horizon_ns: int) -> tuple[int, Lane] | None:
+    def _next_appointment(self, turn: Turn) -> tuple[int, Lane] | None:
+        """The appointment that comes first; of several that are long overdue the one that loses most by waiting."""
         first: tuple[int, Lane] | None = None
+        missed: list[tuple[int, Lane]] = []
+        overdue_ns = self.now_ns - OVERDUE * self.soon_ns
         for lane in self.lanes:
-            at_ns = lane.appointment_ns(horizon_ns)
-            if at_ns is not None and (first is None or at_ns < first[0]):
+            at_ns = lane.appointment_ns(turn.horizon_ns)
+            if at_ns is None:
+                continue
+            if first is None or at_ns < first[0]:
                 first = at_ns, lane
-        return first
+            if at_ns < overdue_ns:
+                missed.append((at_ns, lane))
+        if len(missed) < 2:
+            return first
+        next_ns = self.now_ns + self.exchange_ns
+        return max(missed, key=lambda each: each[1].delay_um(next_ns - each[0], turn))
 
     def _most_urgent(self, turn: Turn) -> tuple[Lane | None, float]:
         """The lane for which a load mends most, if it mends enough, and how much."""

@@ -87,9 +87,10 @@ class StepAxis:
         return self.leg is not None and self.twin.surely_moving_until_ns() > latest_ns + SAFETY_NS
 
     def settle(self, now_ns: int) -> None:
-        """Close the leg if even the slowest chip has made its last step."""
+        """Close the leg if even the slowest chip has made its last step; of legs to come, what is overdue is one."""
         if self.leg is not None and self.twin.surely_stopped_from_ns() < now_ns:
             self.close(now_ns)
+        self.train.join(now_ns - self.start_ns)
 
     def close(self, now_ns: int) -> None:
         """The leg is over: the slowest chip has arrived, or the moving bit has been seen clear.
@@ -105,7 +106,7 @@ class StepAxis:
         if self.halts:
             self.halts = False
             self._last_ns = max(now_ns - self.start_ns, 0)
-            self.train = self._cut(self.trajectory, self._last_ns, self.position_steps)
+            self.train = self.cut(self.trajectory, self._last_ns, self.position_steps)
 
     def stood(self) -> tuple[int, int]:
         """Of an axis at rest: since when, in ns of the plan, and on which step."""
@@ -316,25 +317,26 @@ class StepAxis:
         self._asked = None
         leg = self.leg
         if leg is None:
-            self.train = self._cut(trajectory, max(self._last_ns, 0), self.position_steps)
+            self.train = self.cut(trajectory, max(self._last_ns, 0), self.position_steps)
             return
         made = min(max(self.twin.done(now_ns), 1), len(leg.instants_ns))
         level = leg.start_steps + leg.direction * made
-        self.train = self._cut(trajectory, leg.instants_ns[made - 1] + 1, level)
+        self.train = self.cut(trajectory, leg.instants_ns[made - 1] + 1, level)
         instants = leg.instants_ns[:made]
         left = abs(leg.stop_steps - level)
         ahead = self.train.peek()
         if left and ahead is not None and ahead.direction == leg.direction and not self._overslept(ahead, now_ns):
             instants = instants + self.train.pop().instants_ns[:left]
             if len(ahead) > left:  # beyond the stop that the chip holds a new leg begins
-                self.train = self._cut(trajectory, instants[-1] + 1, leg.stop_steps)
+                self.train = self.cut(trajectory, instants[-1] + 1, leg.stop_steps)
         times = np.array(instants, dtype=np.int64)
         self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
 
-    def _cut(self, trajectory: Trajectory, from_ns: int, steps: int) -> StepTrain:
+    def cut(self, trajectory: Trajectory, from_ns: int, steps: int) -> StepTrain:
         """What is left of a trajectory from an instant of the plan on; the machine moves meanwhile."""
-        return StepTrain(trajectory, self.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S, alive=self.alive)
+        from_s = from_ns / NS_PER_S
+        return StepTrain(trajectory, self.motor, from_s, steps, SHORT_CHUNK_S, alive=self.alive, gap_s=self.train.gap_s)
 
     def _overslept(self, ahead: Leg, now_ns: int) -> bool:
         """The period that runs (from the gap of a hold, perhaps) ends much later than the next step is wanted.
@@ -382,7 +384,7 @@ class StepAxis:
         self.stop_motor_sent = True
         self.position_steps = position_steps
         self._last_ns = max(now_ns - self.start_ns, 0)
-        self.train = self._cut(self.trajectory, self._last_ns, position_steps)
+        self.train = self.cut(self.trajectory, self._last_ns, position_steps)
 
     # --- what has happened -----------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator, Sequence
 
 from nmc.budget import BusTiming, Window
 from nmc.program import Evidence, Exchange
+from planner.steptrain import LEG_BYTES
 from planner.stream_axis import LOAD_TRAJECTORY, MOVING, SAFETY_NS, START_NOW, Load, StepAxis
 from planner.stream_error import StreamError
 from planner.stream_members import ranking
@@ -23,7 +24,7 @@ from planner.types import nobody_asks
 
 SET_ADDRESS, START_MOTION, STOP_MOTOR, NO_OPERATION = 0x1, 0x5, 0x7, 0xE
 AMP_ENABLE, STOP_ABRUPTLY = 0x01, 0x04
-COUNT_BYTES, LEG_BYTES = 4, 8
+COUNT_BYTES = 4
 PREPARE_NS = 40_000_000
 """A reversal is prepared (Stop Motor) this long before its first step is due."""
 LATE_NS = 100_000

@@ -22,11 +22,10 @@ from dataclasses import dataclass
 
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
-from planner.quantize import NS_PER_S
-from planner.steptrain import SHORT_CHUNK_S, StepTrain
+from planner.steptrain import LEG_BYTES
 from planner.stream_adaptive import IDLE_NS, AdaptiveSchedule
 from planner.stream_axis import LOAD_TRAJECTORY, Load, StepAxis
-from planner.stream_base import LATE_NS, LEG_BYTES, NO_OPERATION, START_MOTION, Stream
+from planner.stream_base import LATE_NS, NO_OPERATION, START_MOTION, Stream
 from planner.stream_pieces import PieceTrain, Slice, best_end_ns, period_for, steps_in
 from planner.stream_regroup import STREAMING_GROUP, Groups, regroup
 from planner.types import Trajectory
@@ -304,7 +303,6 @@ class ExactSchedule(AdaptiveSchedule):
     def _recut(axis: StepAxis, trajectory: Trajectory) -> PieceTrain:
         leg = axis.leg
         from_ns, steps = axis.stood() if leg is None else (leg.instants_ns[-1] + 1, leg.stop_steps)
-        left = StepTrain(trajectory, axis.motor, from_ns / NS_PER_S, steps, SHORT_CHUNK_S, alive=axis.alive)
-        train = PieceTrain(left)
+        train = PieceTrain(axis.cut(trajectory, from_ns, steps))
         axis.train, axis.trajectory = train, trajectory
         return train

@@ -18,9 +18,10 @@ from collections.abc import Sequence
 
 from nmc.budget import BusTiming
 from nmc.program import Exchange
+from planner.steptrain import LEG_BYTES
 from planner.stream_adaptive import AdaptiveSchedule
 from planner.stream_axis import Load, StepAxis
-from planner.stream_base import COUNT_BYTES, LEG_BYTES, NO_OPERATION, PREPARE_NS, Said, StepSchedule, Stream
+from planner.stream_base import COUNT_BYTES, NO_OPERATION, PREPARE_NS, Said, StepSchedule, Stream
 from planner.stream_feedback import HOME_BYTES, Feedback
 from planner.stream_members import Change, cost, next_change
 

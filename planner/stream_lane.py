@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 from nmc.budget import BusTiming
 from nmc.program import Exchange
+from planner.steptrain import LEG_BYTES
 from planner.stream_axis import SAFETY_NS, StepAxis
 from planner.stream_base import (
     AMP_ENABLE,
     COUNT_BYTES,
-    LEG_BYTES,
     PREPARE_NS,
     STOP_ABRUPTLY,
     STOP_MOTOR,
@@ -33,8 +33,8 @@ EARLY_NS = 300_000
 """An axis that would arrive this much before its plan is slowed in good time."""
 ASK_DEVIATIONS = 2.0
 """An axis is asked when it has arrived with this much certainty."""
-ASK_AGAIN_NS = 2_000_000
-"""Time between two questions whether an axis has arrived."""
+ASK_AGAIN_NS, ASK_AGAIN_EXCHANGES = 2_000_000, 3
+"""Between two questions whether an axis has arrived; on a bus of few baud two of three exchanges are for others."""
 CALM = 0.2
 """Share of a period after its middle at which a load is still far enough from the next roll-over."""
 LAST_NS = 150_000
@@ -160,7 +160,8 @@ class StepLane(Lane):
         axis = self.axis
         likely_ns = axis.twin.nominal.arrival_ns() + round(ASK_DEVIATIONS * axis.twin.belief.arrival_deviation_ns())
         ask_ns = max(wanted_ns - self.timing.mean_exchange_ns(0), likely_ns - self.timing.command_ns(0))
-        return max(ask_ns, axis.asked_ns + ASK_AGAIN_NS)
+        wires_ns = self.timing.command_ns(0) + self.timing.reply_ns(0)
+        return max(ask_ns, axis.asked_ns + max(ASK_AGAIN_NS, ASK_AGAIN_EXCHANGES * wires_ns))
 
     def _last_count_ns(self) -> int | None:
         """An axis that would arrive early must be slowed while even its fastest twin has steps to go."""

@@ -52,6 +52,7 @@ class PieceTrain(Train):
         self.motor = train.motor
         self.trajectory = train.trajectory
         self.start_steps = train.start_steps
+        self.gap_s = train.gap_s
         self.alive = train.alive
         self._train = train
         self._leg: Leg | None = None
@@ -99,6 +100,9 @@ class PieceTrain(Train):
             self._leg = None
         self._piece = None
         return piece
+
+    def join(self, before_ns: int) -> None:
+        """Nothing: a slice takes what is due in it, and ``cut`` says how much of a leg that is."""
 
     def _steps(self, count: int) -> Leg:
         leg = self._leg
