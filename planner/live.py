@@ -19,6 +19,7 @@ import numpy.typing as npt
 from gcode.canon import Command, MoveBlock
 from planner import kernel, timeline
 from planner.braking import hardest, where_met
+from planner.easing import Stretch
 from planner.errors import PlanError
 from planner.jerk import FilteredTrajectory
 from planner.kinematics import Kinematics
@@ -28,7 +29,7 @@ from planner.reader import switch_of
 from planner.rotary_table import RotaryTable
 from planner.stages import Chunk, chunks
 from planner.timeline import Timeline
-from planner.timing import NodeMark, Pieces, Rate, Timed, corner_caps, schedule, speed_cap
+from planner.timing import NodeMark, Pieces, Rate, Timed, schedule
 from planner.trajectory import PathTrajectory, path_trajectory
 from planner.types import F8, I4, Event, Intervals, Limits, nobody_asks
 
@@ -241,41 +242,43 @@ class LiveTrajectory:
             self._divide_where_braking_ends()
         self.alive()
         p = cut(self._path, self._node, len(self._path))
-        x, cap, commit = self._solve(p)
+        x, cap, commit, ease = self._solve(p)
         self.alive()
         marks = [replace(m, node=m.node - self._node) for m in self._marks if m.node > self._scheduled]
         marks = [m for m in marks if m.node <= commit]
-        timed = Timed(cut(p, 0, commit), x[: commit + 1], cap[:commit], marks, self._setting.rules.tau_s)
+        tau = self._setting.rules.tau_s
+        timed = Timed(cut(p, 0, commit), x[: commit + 1], cap[:commit], marks, tau, ease)
         pieces, events = schedule(timed, self._setting.constraints)
         self._append(pieces, events, self._node)
         self._node += commit
         self._scheduled = self._node
         self._x = float(x[commit])
 
-    def _caps(self, p: Intervals) -> tuple[F8, F8]:
-        """Caps on x of the intervals and nodes of ``p`` at the present rate."""
-        n, c = len(p), self._setting.constraints
-        cap, node_cap = np.empty(n), np.zeros(n + 1)
-        tangents = c.tangents(p)
-        speed = speed_cap(p, tangents, c.velocity, self.rate, self._fixed(n))
-        kernel.node_caps(p.length, *tangents, speed, p.stop, c.velocity, c.acceleration, corner_caps(p), cap, node_cap)
-        return cap, node_cap
-
     def _divide_where_braking_ends(self) -> None:
         """A motion too fast for its cap brakes as hard as it can; a long line is divided where it meets the cap."""
         p, c = cut(self._path, self._node, len(self._path)), self._setting.constraints
-        met = where_met(p, c, hardest(p, c, self._x)[0], self._caps(p)[0]) if len(p) else None
+        if not len(p):
+            return
+        ahead = self._stretch(p)
+        met = where_met(p, c, hardest(p, c, self._x)[0], ahead.caps(ahead.ease(0.0))[0])
         if met is not None and SNAP_MM < met[1] < p.length[met[0]] - SNAP_MM:
             self._divide(self._node + met[0], met[1])
 
-    def _solve(self, p: Intervals) -> tuple[F8, F8, int]:
-        """x at the nodes of ``p``, caps, and how many intervals the future cannot change."""
+    def _stretch(self, p: Intervals) -> Stretch:
+        """Intervals from the present node on, at the present rate."""
+        return Stretch(p, self._setting.constraints, self.rate, self._fixed(len(p)))
+
+    def _solve(self, p: Intervals) -> tuple[F8, F8, int, F8 | None]:
+        """x at the nodes of ``p``, caps, how many intervals the future cannot change, and the ease of those."""
         n, c = len(p), self._setting.constraints
         x = np.zeros(n + 1)
         if n == 0:
-            return x, np.empty(0), 0
-        tangents = c.tangents(p)
-        cap, node_cap = self._caps(p)
+            return x, np.empty(0), 0, None
+        ahead = self._stretch(p)
+        ease = ahead.ease(self._x)
+        self.alive()
+        tangents = ahead.tangents(ease)
+        cap, node_cap = ahead.caps(ease)
         if self._x > 0:
             # too fast for the new caps: they give way to the hardest braking
             slow = hardest(p, c, self._x)[0]
@@ -289,7 +292,7 @@ class LiveTrajectory:
             commit = int(kernel.commit_point(safe, hopeful))
         self.alive()
         kernel.forward(p.length, *tangents, c.acceleration, safe, self._x, x)
-        return x, cap, commit
+        return x, cap, commit, None if ease is None else ease[:commit]
 
     def _switched(self, node: int) -> bool:
         """Whether the program forbids overrides from ``node`` on."""

@@ -53,7 +53,8 @@ class Timed:
     """A timed path: what a trajectory is made of, and what rate control times again.
 
     intervals: N. x: f8[N + 1], s'^2 at the nodes. cap: f8[N], largest x that feed and velocities allow. marks:
-    ascending in node, 0..N. drain_s: rest at every stop but the first node (the jerk filter runs empty there).
+    ascending in node, 0..N. drain_s: rest at every stop but the first node (the jerk filter runs empty there). ease:
+    f8[N], share of the accelerations that was used (``planner.easing``), None: all.
     """
 
     intervals: Intervals
@@ -61,6 +62,7 @@ class Timed:
     cap: F8
     marks: Sequence[NodeMark] = ()
     drain_s: float = 0.0
+    ease: F8 | None = None
 
 
 def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tuple[F8, F8, str]:
@@ -87,7 +89,8 @@ def solve(p: Intervals, constraints: Constraints, solver: Solver = "auto") -> tu
 class Rate:
     """Overrides: feed 0..2 of programmed feeds, rapid 0..1 of rapids; 1 is the program.
 
-    bus: 0..1 of all speeds, what the bus can carry; where the program forbids overrides (M49) this one holds alone.
+    bus: 0..1 of all speeds, and its square of all accelerations, what the bus can carry; where the program forbids
+    overrides (M49) this one holds alone.
     """
 
     feed: float = 1.0
@@ -116,7 +119,14 @@ def speed_cap(
         if slow.any():
             most = np.maximum(np.abs(tangents[0][slow]), np.abs(tangents[1][slow]))
             speed[slow] = share[slow] * (velocity / np.maximum(most, 1e-12)).min(axis=1)
-    return speed if p.bound_mm_s is None else np.minimum(speed, p.bound_mm_s)
+    if p.bound_mm_s is None:
+        return speed
+    return np.minimum(speed, p.bound_mm_s if rate is None else p.bound_mm_s * rate.bus)
+
+
+def eased(tangents: tuple[F8, F8], ease: F8 | None) -> tuple[F8, F8]:
+    """Tangents with which a bound of the accelerations is ``ease`` f8[N] of what it was."""
+    return tangents if ease is None else (tangents[0] / ease[:, None], tangents[1] / ease[:, None])
 
 
 def corner_caps(p: Intervals) -> F8:
@@ -135,7 +145,7 @@ def schedule(timed: Timed, constraints: Constraints) -> tuple[Pieces, list[Event
     from planner import kernel
 
     p = timed.intervals
-    tangents = constraints.tangents(p)
+    tangents = eased(constraints.tangents(p), timed.ease)
     pieces = Pieces(*kernel.fill_pieces(p.length, *tangents, constraints.acceleration, timed.x, timed.cap))
     rests = _rests(timed)
     if not rests and not timed.marks:

@@ -170,6 +170,44 @@ def test_override_scales_feed_and_rapids_apart():
     assert v[q > 40.1].max() == pytest.approx(30.0)
 
 
+DWELLS_S = 0.05 * sum(isinstance(command, canon.Dwell) for command in winding())
+
+
+@pytest.mark.parametrize("share", [0.8, 0.3])
+def test_a_slower_bus_stretches_time_and_so_lowers_accelerations_by_the_square(whole, reference, share):
+    slower = live(winding(), LIMITS, start=ORIGIN)
+    slower.override(0.0, Rate(bus=share))
+    duration_s = slower.duration_s
+    assert share * (duration_s - DWELLS_S) == pytest.approx(whole.duration_s - DWELLS_S)
+    t = np.arange(0, duration_s, 2e-4)
+    assert (np.abs(slower.a(t)).max(axis=0) <= share**2 * LIMITS.acceleration * 1.0001).all()
+    assert (np.abs(slower.v(t)).max(axis=0) <= share * LIMITS.velocity * 1.0001).all()
+    assert off_path(path_points(slower, duration_s), reference) < 1e-3
+
+
+@pytest.mark.parametrize("share", [0.8, 0.3])
+def test_a_bus_that_becomes_slower_brakes_as_planned_and_is_soon_inside_its_limits(whole, reference, share):
+    for sent_s in np.linspace(0.1, whole.duration_s * 0.9, 12):
+        moving = live(winding(), LIMITS, start=ORIGIN)
+        moving.override(sent_s, Rate(bus=share))
+        end_s = moving.duration_s
+        limits_hold(moving, end_s)
+        t = np.arange(sent_s + 0.2, end_s, 1e-3)
+        assert (np.abs(moving.a(t)).max(axis=0) <= share**2 * LIMITS.acceleration * 1.0001).all()
+        assert off_path(path_points(moving, end_s), reference) < 1e-3
+
+
+def test_a_bus_that_is_quick_again_gives_the_limits_back(whole):
+    moving = live(winding(), LIMITS, start=ORIGIN)
+    moving.override(1.0, Rate(bus=0.5))
+    moving.override(2.0, Rate())
+    end_s = moving.duration_s
+    limits_hold(moving, end_s)
+    assert whole.duration_s < end_s < whole.duration_s + 1.0
+    late = np.abs(moving.a(np.arange(2.5, end_s, 1e-3))).max(axis=0)
+    assert (late > 0.99 * LIMITS.acceleration).all()
+
+
 def test_a_filtered_hold_drains_before_it_says_rest():
     t = live(winding(), LIMITS, start=ORIGIN, moves=20, filter_s=0.02)
     whole = plan(winding(), LIMITS, start=ORIGIN, solver="kernel", filter_s=0.02).trajectory
