@@ -63,7 +63,9 @@ def solver_option(function: F) -> F:
 def stream_options(function: F) -> F:
     """Options of the verbs that put a plan on the bus."""
     function = click.option(
-        "--fit-bus", is_flag=True, help="Lower accelerations (of Stop Here points: speeds) where a bus cannot follow."
+        "--fit-bus/--no-fit-bus",
+        default=None,
+        help="Lower accelerations, and slow down, where a bus cannot follow.  [default: but for Stop Here points]",
     )(function)
     function = click.option(
         "--profile", type=click.Choice(PROFILES), default="auto", show_default=True, help="How the chips are fed."

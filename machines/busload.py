@@ -12,7 +12,7 @@ its plan and from the time between two of its loads, its *turn*. A bus with many
 
 A turn is taken as one exchange of each axis of the bus that moves just then. How many such turns a load really has to
 serve, and what is left on a bus that has time, was measured: ``benchmarks/busload.py`` prints estimate and simulation
-side by side. Where legs begin and end faster than a bus can say it, the stream falls behind without bound.
+side by side.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from planner.motors import Motor, ServoMotor
 from planner.types import Trajectory
 
 F8 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 BYTES = {"group": 4, "adaptive": 4, "exact": 4, "stop-here": 5, "smooth": 9}
 """Data bytes of a load."""
@@ -45,21 +44,20 @@ FINEST_S = 5e-4
 class Habit:
     """How a profile does on a bus, measured: off by ``floor_steps`` + ``share`` * the error of ``turns`` turns.
 
-    stands: it gives points, not rates. lost_ns: with three axes or more that share a bus longer turns lose the plan.
+    stands: it gives points, not rates.
     """
 
     turns: float
     share: float
     floor_steps: float
     stands: bool = False
-    lost_ns: float = np.inf
 
 
 HABITS: Mapping[str, Habit] = {
-    "adaptive": Habit(2.0, 1.0, 1.0, lost_ns=20e6),
-    "group": Habit(2.0, 2.0, 1.0, lost_ns=12e6),
-    "exact": Habit(2.0, 0.25, 2.0, lost_ns=9.5e6),
-    "smooth": Habit(1.0, 0.8, 0.3),
+    "adaptive": Habit(2.0, 1.25, 1.0),
+    "group": Habit(2.0, 2.0, 1.0),
+    "exact": Habit(2.0, 0.25, 2.0),
+    "smooth": Habit(1.0, 1.0, 0.3),
     "stop-here": Habit(1.0, 0.6, 0.3, stands=True),
 }
 
@@ -77,7 +75,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """The worst moment of a plan on the buses. lost: the stream falls behind there, ``steps`` is too small then.
+    """The worst moment of a plan on the buses.
 
     moving: axes that move on that bus; turn_ms: time between two loads of each; line: 0 if it is no program's.
     """
@@ -92,17 +90,16 @@ class Load:
     share: float
     """What is left of the error may be this share of what it is, to be within the limit; 0 without one."""
     line: int = 0
-    lost: bool = False
     limit_steps: float = 0.0
 
     def words(self) -> str:
         """What will happen, why, and what to do about it."""
         unit = "counts" if self.profile in ("smooth", "stop-here") else "steps"
         where = f" in line {self.line}" if self.line else ""
-        far = "may fall far behind its plan" if self.lost else f"will be about {self.steps:.0f} {unit} off its path"
+        far = f"will be about {self.steps:.0f} {unit} off its path"
         axes = f"{self.moving} axes that move at once get a load every {self.turn_ms:.0f} ms each"
         cure = "fewer axes on this bus (a second one), " + ("" if self.baud == 115200 else "a higher baud, ")
-        if self.share > 0 and not self.lost:
+        if self.share > 0:
             linear = HABITS[self.profile].stands
             most = int(self.moving * (self.share if linear else self.share**0.5))
             cure = f"at most {most} axes on this bus, " if most > 1 else cure
@@ -110,37 +107,36 @@ class Load:
             cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these (--fit-bus)"
         else:
             cure += "or a host with less jitter"
-        allowed = "" if self.lost else f" (contour_steps allows {self.limit_steps:g})"
+        allowed = f" (contour_steps allows {self.limit_steps:g})"
         return (
             f"bus {self.bus} is too slow: the machine {far}{where}{allowed}, for {axes} at {self.baud} baud with "
             f"{self.jitter_ms:g} ms of host jitter, profile {self.profile}; {cure}"
         )
 
 
-def overload(config: MachineConfig, trajectory: Trajectory, profile: str, simulated: bool) -> Load | None:
+def overload(
+    config: MachineConfig, trajectory: Trajectory, profile: str, simulated: bool, share: float = 1.0
+) -> Load | None:
     """The worst moment of a plan if it is further off than ``contour_steps`` of ``[verify]``; None if it is not.
 
-    Raises ValueError for a profile that is not offered.
+    share: of that limit. Raises ValueError for a profile that is not offered.
     """
     drives = _drives(config, profile, simulated, tuple(trajectory.axes))
     step_s = max(min(drive.exchange_ns for drive in drives) / 1e9, FINEST_S)
     worst, at_s = -1.0, 0.0
-    lost_s: float | None = None
     for t, first, last in _chunks(trajectory.duration_s, step_s, _longest_s(drives)):
-        errors, behind = _errors(trajectory.q(t), np.abs(trajectory.v(t)), drives, step_s)
+        errors = _errors(trajectory.q(t), np.abs(trajectory.v(t)), drives, step_s)
         steps = np.sqrt(np.sum(errors**2, axis=1))[first:last]
         at = int(np.argmax(steps))
         if steps[at] > worst:
             worst, at_s = float(steps[at]), float(t[first + at])
-        if lost_s is None and behind[first:last].any():
-            lost_s = float(t[first + int(np.argmax(behind[first:last]))])
     floor = max(drive.habit.floor_steps for drive in drives)
-    if lost_s is None and worst + floor <= config.verify.contour_steps:
+    limit = share * config.verify.contour_steps
+    if worst + floor <= limit:
         return None
-    at_s = at_s if lost_s is None else lost_s
     moving = np.abs(trajectory.v(np.array([at_s])))[0]
     line = int(trajectory.line(np.array([at_s]))[0])
-    return _load(config, drives, moving, worst, profile, simulated, line, lost=lost_s is not None)
+    return _load(config, drives, moving, worst, profile, simulated, line, limit)
 
 
 def possible_overload(config: MachineConfig, simulated: bool) -> Load | None:
@@ -154,17 +150,15 @@ def possible_overload(config: MachineConfig, simulated: bool) -> Load | None:
     axes = tuple(dict.fromkeys(motor.axis for motor in motors(config)))
     drives = _drives(config, "auto", simulated, axes)
     errors = dict.fromkeys(axes, 0.0)
-    lost = False
     for drive in drives:
         axis, habit = config.axis[drive.motor.axis], drive.habit
         turn_s = _turn_ns(drives, drive.motor.bus) * habit.turns / 1e9
         most = axis.max_velocity * turn_s / 2 if habit.stands else axis.max_acceleration * turn_s**2 / 8
         errors[drive.motor.axis] = max(errors[drive.motor.axis], most * abs(drive.scale) * habit.share)
-        lost |= _is_lost(drives, drive.motor.bus, habit)
     worst = sum(error**2 for error in errors.values()) ** 0.5 if len(axes) > 1 else 0.0
-    if not lost and worst + max(drive.habit.floor_steps for drive in drives) <= config.verify.contour_steps:
+    if worst + max(drive.habit.floor_steps for drive in drives) <= config.verify.contour_steps:
         return None
-    return _load(config, drives, np.full(len(axes), np.inf), worst, "auto", simulated, 0, lost=lost)
+    return _load(config, drives, np.full(len(axes), np.inf), worst, "auto", simulated, 0, config.verify.contour_steps)
 
 
 def _drives(config: MachineConfig, profile: str, simulated: bool, axes: tuple[str, ...]) -> list[Drive]:
@@ -182,11 +176,6 @@ def _turn_ns(drives: list[Drive], bus: int) -> float:
     return sum(drive.exchange_ns for drive in drives if drive.motor.bus == bus)
 
 
-def _is_lost(drives: list[Drive], bus: int, habit: Habit) -> bool:
-    here = sum(1 for drive in drives if drive.motor.bus == bus)
-    return here > 2 and _turn_ns(drives, bus) > habit.lost_ns
-
-
 def _longest_s(drives: list[Drive]) -> float:
     buses = {drive.motor.bus for drive in drives}
     return max(_turn_ns(drives, bus) * max(habit.turns for habit in HABITS.values()) for bus in buses) / 1e9
@@ -201,28 +190,24 @@ def _chunks(duration_s: float, step_s: float, beyond_s: float) -> Iterator[tuple
         yield np.clip(t, 0.0, duration_s), beyond, beyond + end - begin
 
 
-def _errors(q: F8, v: F8, drives: list[Drive], step_s: float) -> tuple[F8, Mask]:
-    """Error in steps f8[N, A] of each axis at each instant, and whether the stream is behind there.
+def _errors(q: F8, v: F8, drives: list[Drive], step_s: float) -> F8:
+    """Error in steps f8[N, A] of each axis at each instant.
 
     An axis that moves alone is late or early at most: no error of a path.
     """
-    errors, behind = np.zeros(q.shape), np.zeros(len(q), dtype=np.bool_)
-    moving = [v[:, drive.column] * abs(drive.scale) > MOVES_HZ for drive in drives]
+    errors = np.zeros(q.shape)
     several = np.sum(v > 0, axis=1) > 1
     turns_ns: dict[int, F8] = {}
-    axes_of: dict[int, npt.NDArray[np.intp]] = {}
-    for drive, moves in zip(drives, moving, strict=True):
-        bus = drive.motor.bus
+    for drive in drives:
+        bus, moves = drive.motor.bus, v[:, drive.column] * abs(drive.scale) > MOVES_HZ
         turns_ns[bus] = turns_ns.get(bus, np.zeros(len(q))) + moves * drive.exchange_ns
-        axes_of[bus] = axes_of.get(bus, np.zeros(len(q), dtype=np.intp)) + moves
-    for drive, moves in zip(drives, moving, strict=True):
+    for drive in drives:
         turn_ns = turns_ns[drive.motor.bus]
         half = np.maximum(np.round(turn_ns * drive.habit.turns / 2e9 / step_s), 1).astype(np.intp)
         counts = q[:, drive.column] * drive.scale
         error = np.where(several & (turn_ns > 0), _off(counts, half, drive.habit.stands), 0.0) * drive.habit.share
         np.maximum(errors[:, drive.column], error, out=errors[:, drive.column])
-        behind |= moves & (axes_of[drive.motor.bus] > 2) & (turn_ns > drive.habit.lost_ns)
-    return errors, behind
+    return errors
 
 
 def _off(counts: F8, half: npt.NDArray[np.intp], stands: bool) -> F8:
@@ -241,8 +226,7 @@ def _load(
     profile: str,
     simulated: bool,
     line: int,
-    *,
-    lost: bool,
+    limit: float,
 ) -> Load:
     """The worst moment in figures: of the bus with the longest turn there."""
     turns: dict[int, float] = {}
@@ -254,7 +238,6 @@ def _load(
     name, table = list(nmc_buses(config).items())[bus]
     timing: BusTiming = bus_timing(config, bus, simulated)
     floor = max(drive.habit.floor_steps for drive in drives)
-    limit = config.verify.contour_steps
     return Load(
         bus=name,
         profile=streamed_as(config, bus, choose_profile(config, profile, simulated), simulated),
@@ -265,6 +248,5 @@ def _load(
         steps=worst + floor,
         share=max(limit - floor, 0.0) / worst if worst > 0 else 0.0,
         line=line,
-        lost=lost,
-        limit_steps=limit,
+        limit_steps=config.verify.contour_steps,
     )

@@ -10,13 +10,23 @@ LATE_PER_S = 1.0
 """So many late slices, and more a second than this, are told in words."""
 
 
-def cautions(verdict: Verdict, load: Load | None) -> tuple[str, ...]:
-    """Warnings in words. ``load``: what was estimated of the buses; on the twin the measured contour knows better."""
+def cautions(verdict: Verdict, load: Load | None, allowed_steps: float) -> tuple[str, ...]:
+    """Warnings in words.
+
+    load: what was estimated of the buses; on the twin the measured contour knows better. On a port what the host
+    believed is all that is known: more than ``allowed_steps`` of it is told.
+    """
     found = []
     contour = verdict.contour_steps
     known_good = load is not None and contour is not None and contour.max <= load.limit_steps
     if load is not None and not known_good:
         found.append(load.words())
+    host = verdict.host
+    if contour is None and host is not None and host.strain_steps > allowed_steps:
+        found.append(
+            f"the axes were off the path by about {host.strain_steps:.0f} steps or counts, by what the host knows "
+            f"(contour_steps allows {allowed_steps:g}); slowed to {host.least_speed_percent:.0f} %"
+        )
     late, time_s = verdict.late_slices, max(verdict.plan_time_s, 1e-9)
     if late >= LATE_MANY and late / time_s > LATE_PER_S:
         cost = "is in the contour error" if verdict.contour_steps is not None else "was not measured"

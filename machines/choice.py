@@ -5,7 +5,6 @@
     no watchdog? --yes--> stop-here          smooth has no stop position: only a watchdog ends it
     file or twin says more than 2 ms? -----> stop-here
     on a port: measured more than 2 ms? ---> stop-here
-    a bus could not follow it at all? -----> stop-here
     --------------------------------------> smooth
 
 What was asked for by name is taken or refused, never replaced without a word.
@@ -16,13 +15,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from machines.busload import overload
 from machines.profiles import choose_profile, kinds_of, profiles_used, step_profile, unwatched
 from machines.schema import MachineConfig
 from machines.wiring import bus_timing, motors, nmc_buses, servo_tables
 from planner.motors import ServoMotor
 from planner.stream import Profile
-from planner.types import Trajectory
 
 NS_PER_MS = 1_000_000
 SMOOTH_JITTER_NS = 2 * NS_PER_MS
@@ -37,10 +34,8 @@ class Choice:
     notes: tuple[str, ...] = ()
 
 
-def choose(
-    config: MachineConfig, wanted: str, simulated: bool, trajectory: Trajectory, measure: Callable[[], int]
-) -> Choice:
-    """What a run of ``trajectory`` is streamed with.
+def choose(config: MachineConfig, wanted: str, simulated: bool, measure: Callable[[], int]) -> Choice:
+    """What a run is streamed with.
 
     measure: the longest delay of the host on a port, ns; asked only where it decides. Raises ValueError for a profile
     that this machine does not offer, and what ``measure`` raises.
@@ -50,7 +45,7 @@ def choose(
         return Choice(chosen, _replaced(config, chosen, simulated))
     if not servo_tables(config):
         return Choice(step_profile(config, simulated))
-    against = _against_smooth(config, simulated, trajectory)
+    against = _against_smooth(config, simulated)
     if against:
         return Choice("stop-here", (f"profile stop-here: {against}",))
     if simulated:
@@ -62,7 +57,7 @@ def choose(
     return Choice("smooth", (f"profile smooth: {words}, and a watchdog is on",))
 
 
-def _against_smooth(config: MachineConfig, simulated: bool, trajectory: Trajectory) -> str:
+def _against_smooth(config: MachineConfig, simulated: bool) -> str:
     """Why ``smooth`` is not taken whatever is measured, in words; empty if nothing is against it."""
     named = list(nmc_buses(config))
     if not simulated and (bare := unwatched(config)):
@@ -75,8 +70,7 @@ def _against_smooth(config: MachineConfig, simulated: bool, trajectory: Trajecto
         if jitter_ns > SMOOTH_JITTER_NS:
             most = f"{SMOOTH_JITTER_NS / NS_PER_MS:g} ms"
             return f"host_jitter_ms of bus {named[bus]} is {jitter_ns / NS_PER_MS:g} ms, smooth wants {most}"
-    load = None if simulated else overload(config, trajectory, "smooth", simulated)
-    return f"with smooth, {load.words()}" if load is not None and load.lost else ""
+    return ""
 
 
 def _replaced(config: MachineConfig, chosen: Profile, simulated: bool) -> tuple[str, ...]:

@@ -10,6 +10,8 @@ from machines.schema import MachineConfig
 from planner.plan import Plan
 
 TRIES = 6
+AIM = 0.7
+"""Share of the limit that is aimed at: an estimate may be too low by a third."""
 MARGIN = 0.97
 """A little less than what would just do: a slower plan has its worst moment elsewhere."""
 LEAST = 0.02
@@ -26,19 +28,19 @@ class Fitted:
 
 
 def fitted(job: Job, config: MachineConfig, plan: Plan, load: Load, profile: str, simulated: bool) -> Fitted:
-    """Plan anew until the estimate is within ``contour_steps``; the plan as it was where that cannot be reached.
+    """Plan anew until the estimate is well within ``contour_steps``; the plan as it was where that cannot be reached.
 
     Stop Here points stand for a turn, so speeds are what counts there; of all else accelerations. Raises PlanError.
     """
     speeds = HABITS[load.profile].stands
     share, found = 1.0, plan
-    left: Load | None = load
+    left = overload(config, plan.trajectory, profile, simulated, AIM)
     for _ in range(TRIES):
-        if left is None or left.lost or share * left.share < LEAST:
+        if left is None or share * left.share < LEAST:
             break
         share *= min(left.share, 1.0) * MARGIN
         found = plan_job(job, slower(config, share, speeds=speeds))
-        left = overload(config, found.trajectory, profile, simulated)
+        left = overload(config, found.trajectory, profile, simulated, AIM)
     if left is not None:
         return Fitted(plan, load, 1.0, "no lower accelerations or speeds make up for the bus: planned as before")
     what = "speeds" if speeds else "accelerations"

@@ -1,4 +1,4 @@
-"""Hold, resume, override on a running stream, and the governor's advice: what is done between two exchanges.
+"""Hold, resume, override on a running stream, and what host and bus can carry: what is done between two exchanges.
 
     running --hold--> holding --every axis at rest, read back--> held --resume--> running
                          \\----------------------resume------------------------------/
@@ -18,9 +18,11 @@ import numpy as np
 from machines.control import Control, RateStatus, Request
 from machines.governor import Advice, Governor
 from machines.ratecontrolled import RateControlled
+from machines.strain import Strain
 from nmc.program import Evidence
 from planner.errors import PlanError
 from planner.stream import Progress, StreamSource
+from planner.stream_strain import strain_steps
 from planner.timing import Rate
 from planner.types import F8, Trajectory
 
@@ -63,15 +65,24 @@ class Floor(Protocol):
 class RateController:
     """Serves the control of one run. ``stop_asked``: somebody wants it to end.
 
-    ``recall``: takes back what waits to be sent; called before times change.
+    ``recall``: takes back what waits to be sent; called before times change. ``strain``: None where a bus that cannot
+    follow is not to be slowed for.
     """
 
     def __init__(
-        self, source: object, control: Control, governor: Governor | None, floor: Floor, recall: Callable[[], None]
+        self,
+        source: object,
+        control: Control,
+        governor: Governor | None,
+        floor: Floor,
+        recall: Callable[[], None],
+        strain: Strain | None = None,
     ) -> None:
         self._source = source if isinstance(source, RateControlled) else None
         self._control = control
         self._governor = governor
+        self._strain = strain
+        self._host_share = 1.0
         self._floor = floor
         self._recall = recall
         self._rate = Rate()
@@ -81,6 +92,8 @@ class RateController:
         self.holds: list[HoldRecord] = []
         self.changes = 0
         self.unheeded = ""
+        self.least_share = 1.0
+        """Of the programmed speed, what host and bus could carry at the least."""
         self.stop_asked = False
         self._told = RateStatus()
         control.told(self._told)
@@ -96,6 +109,8 @@ class RateController:
             self._source.passed(evidence.replied_ns)
         if self._governor is not None and (advice := self._governor.observe(evidence)) is not None:
             self._heed(advice, evidence)
+        if self._strain is not None and self._source is not None and self._strain.due(evidence.replied_ns):
+            self._look(self._strain, self._source, evidence)
         if self._told.state == "holding" and self._source is not None and self._source.holding:
             self._stands(evidence)
         request = self._control.take(self._time_s(evidence.replied_ns))
@@ -189,13 +204,38 @@ class RateController:
                 raise ValueError("a program with index moves cannot be slowed")
             if self._source is not None:
                 self._source.assume(advice.jitter_max_ns)
-            if self._source is not None and advice.share != self._rate.bus:
-                self._apply(self._source, replace(self._rate, bus=advice.share))
+            self._host_share = advice.share
+            if self._source is not None:
+                self._carry(self._source)
         except (ValueError, PlanError) as error:
             self.unheeded = str(error)
             words["speed_percent"] = 100
         self._floor.note("host_delays", evidence.replied_ns, line=evidence.exchange.line, **words)
         self._tell(bus_percent=100 * self._rate.bus)
+
+    def _look(self, strain: Strain, source: RateControlled, evidence: Evidence) -> None:
+        """How far the axes are off the path; more than the bus should let them be slows the motion."""
+        if self._told.state != "running":
+            strain.pause(evidence.replied_ns)
+            return
+        if not strain.look(strain_steps(source.offs()), evidence.replied_ns):
+            return
+        try:
+            self._carry(source)
+        except (ValueError, PlanError) as error:
+            self._floor.note("refused", evidence.replied_ns, message=str(error))
+        share = round(100 * self._rate.bus)
+        steps = round(strain.greatest_steps, 1)
+        line = evidence.exchange.line
+        self._floor.note("bus_strain", evidence.replied_ns, line=line, greatest_steps=steps, speed_percent=share)
+        self._tell(bus_percent=100 * self._rate.bus)
+
+    def _carry(self, source: RateControlled) -> None:
+        """As fast as host and bus can carry."""
+        share = self._host_share if self._strain is None else min(self._host_share, self._strain.share)
+        self.least_share = min(self.least_share, share)
+        if share != self._rate.bus:
+            self._apply(source, replace(self._rate, bus=share))
 
     def _apply(self, source: RateControlled, rate: Rate) -> None:
         self._recall()

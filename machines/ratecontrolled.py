@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from planner.stream_strain import Off
 from planner.timing import Rate
 from planner.types import Trajectory
 
@@ -26,6 +27,9 @@ class RateControlled(Protocol):
 
     def assume(self, jitter_max_ns: int) -> None:
         """What the host may add before a packet."""
+
+    def offs(self) -> list[Off]:
+        """How far behind its plan each motor is believed to be."""
 
     @property
     def held(self) -> bool:

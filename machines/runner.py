@@ -58,8 +58,9 @@ class RunOptions:
     """Hold, resume, override, stop."""
     warn: Callable[[str], None] | None = None
     """Told in words, before anything moves, what the plan asks of a bus that cannot follow."""
-    fit_bus: bool = False
-    """Plan with lower accelerations or speeds where a bus cannot follow."""
+    fit_bus: bool | None = None
+    """Plan with lower accelerations or speeds where a bus cannot follow; slow down where that shows only later. None:
+    so, but for Stop Here points, which are behind by half of what an axis goes between two of them at any speed."""
     tell: Callable[[str], None] | None = None
     """Told in words, before anything moves, which profile was chosen and why, where that is not plain."""
 
@@ -118,7 +119,7 @@ def perform(
             if options.home:
                 session.home(options.home)
             job, plan = _from_here(session, job, plan, replan)
-            choice = _choose(session, plan, options)
+            choice = _choose(session, options)
             options = replace(options, profile=choice.profile)
             plan, load = _overload(config, job, plan, options)
             plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
@@ -140,18 +141,29 @@ def perform(
     verdict = with_outputs_judged(verdict, config, outcome.switched, trace, outcome.plan_start_ns)
     profiles = profiles_used(config, options.profile, is_simulated(config, options.port))
     verdict = replace(
-        verdict, profiles=profiles, warnings=cautions(verdict, load), profile_notes=choice.notes if choice else ()
+        verdict,
+        profiles=profiles,
+        warnings=cautions(verdict, load, config.verify.contour_steps),
+        profile_notes=choice.notes if choice else (),
     )
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
 
 
-def _choose(session: Session, plan: Plan, options: RunOptions) -> Choice:
+def _choose(session: Session, options: RunOptions) -> Choice:
     """The profile of the run, told where it is not plain."""
-    choice = session.choose(plan.trajectory, options.profile)
+    choice = session.choose(options.profile)
     if options.tell is not None:
         for words in choice.notes:
             options.tell(words)
     return choice
+
+
+def _fits(config: MachineConfig, options: RunOptions) -> bool:
+    """Whether the motion is to be slowed for a bus that cannot follow."""
+    if options.fit_bus is not None:
+        return options.fit_bus
+    used = profiles_used(config, options.profile, is_simulated(config, options.port))
+    return "stop-here" not in used.values()
 
 
 def _overload(config: MachineConfig, job: Job, plan: Plan, options: RunOptions) -> tuple[Plan, Load | None]:
@@ -161,7 +173,7 @@ def _overload(config: MachineConfig, job: Job, plan: Plan, options: RunOptions) 
         load = overload(config, plan.trajectory, options.profile, simulated)
     except ValueError as error:
         raise SessionError(str(error)) from None
-    if load is not None and options.fit_bus:
+    if load is not None and _fits(config, options):
         fit = fitted(job, config, plan, load, options.profile, simulated)
         plan, load = fit.plan, fit.load
         if options.tell is not None:
@@ -185,7 +197,12 @@ def _run_parts(
 
     def run(trajectory: Trajectory, told: Callable[[Progress], None]) -> Outcome:
         return session.run(
-            trajectory, profile=options.profile, progress=told, stop_requested=stop_requested, control=options.control
+            trajectory,
+            profile=options.profile,
+            progress=told,
+            stop_requested=stop_requested,
+            control=options.control,
+            fit_bus=_fits(session.config, options),
         )
 
     alive = session.connection.alive
@@ -244,6 +261,7 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
         host_delay_max_ms=max(statistics.host_delay_max_ms for statistics in each),
         late_exchanges=sum(statistics.late_exchanges for statistics in each),
         least_speed=min(statistics.least_speed for statistics in each),
+        strain_steps=max(statistics.strain_steps for statistics in each),
         unheeded=next((statistics.unheeded for statistics in each if statistics.unheeded), ""),
     )
     first, last = outcomes[0], outcomes[-1]

@@ -40,6 +40,7 @@ from machines.profiles import choose_profile
 from machines.schema import Cy545Axis, MachineConfig, ServoMotorTable, StepMotorTable
 from machines.settling import settle
 from machines.several import bus_streams, timings_of
+from machines.strain import Strain
 from machines.streaming import Onlookers, RunSource, stream
 from machines.wiring import bus_timing, every_motor, indexers, motors, scale_of, servo_tables, stands_within
 from nmc.errors import NmcError
@@ -153,20 +154,15 @@ class Session:
             found.setdefault(motor.axis, counters[motor.name] / scale_of(motor))
         return found
 
-    def choose(self, trajectory: Trajectory, wanted: str) -> Choice:
-        """The profile to stream a trajectory with; on a port the host's delays may be measured for that.
+    def choose(self, wanted: str) -> Choice:
+        """The profile to stream with; on a port the host's delays may be measured for that.
 
         Raises SessionError for one that this machine does not offer.
         """
         servos = {motor.bus: motor.address for motor in motors(self.config) if isinstance(motor, ServoMotor)}
         try:
-            found = choose(
-                self.config,
-                wanted,
-                self.simulation is not None,
-                trajectory,
-                lambda: host_delay_ns(self.connection, servos),
-            )
+            simulated = self.simulation is not None
+            found = choose(self.config, wanted, simulated, lambda: host_delay_ns(self.connection, servos))
         except (NmcError, ValueError) as error:
             self._change(State.FAULTED)
             raise SessionError(str(error)) from error
@@ -182,16 +178,19 @@ class Session:
         progress: Callable[[Progress], None] | None = None,
         stop_requested: Callable[[], bool] = _never,
         control: Control | None = None,
+        fit_bus: bool = True,
     ) -> Outcome:
         """Stream a trajectory to its end or to a requested stop. Raises SessionError after stopping everything.
 
         ``control``: hold, resume, override. They need a trajectory that can be timed anew (``planner.retime``); so
-        does slowing down for a host that takes longer than was assumed of it.
+        does slowing down for a host that takes longer than was assumed of it, and, with ``fit_bus``, for a bus that
+        cannot follow.
         """
         if self.state is not State.IDLE:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
         source: RunSource | BusStreams | None = None
+        strain = Strain(self.config.verify.contour_steps) if fit_bus else None
         onlookers = Onlookers(progress or _nothing, self.watch, stop_requested, control or Control())
         try:
             begins_at = self._positions()
@@ -201,7 +200,7 @@ class Session:
             with bringup.quiet(self.connection):  # before the source, which fixes when the motion begins
                 source = self._source(trajectory, profile)
                 with bringup.armed(self.connection):
-                    streamed = stream(source, self.connection, self, onlookers)
+                    streamed = stream(source, self.connection, self, onlookers, strain)
                     if streamed.last is None:
                         self._settle(streamed.commanded)
                         self.note("run_ends", self.now_ns)

@@ -14,6 +14,7 @@ from machines.outcome import StreamStatistics
 from machines.ratecontrol import Floor, HoldRecord, RateController
 from machines.settling import LastCommands
 from machines.several import governor_of, played, tell_starts
+from machines.strain import Strain
 from nmc.chips.common import LOAD_TRAJECTORY, STOP_MOTOR
 from nmc.program import Evidence, Exchange, ExchangeSource
 from planner.stream import Progress, StreamCounts
@@ -60,8 +61,13 @@ class Streamed:
     commanded: dict[str, int]
 
 
-def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers) -> Streamed:
-    """Play a source to its end, or until it is asked to stop; stopping the motors is then the caller's business."""
+def stream(
+    source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers, strain: Strain | None
+) -> Streamed:
+    """Play a source to its end, or until it is asked to stop; stopping the motors is then the caller's business.
+
+    strain: None where the motion is not to be slowed for a bus that cannot follow.
+    """
     link, simulated = connection.links[0], connection.simulation is not None
     floor.note("run_begins", link.now_ns(), plan_start_ns=source.plan_start_ns)
     statistics = StreamStatistics()
@@ -71,7 +77,7 @@ def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor,
     next_ns, line = link.now_ns(), 0
     governor = governor_of(connection)
     evidences, recall = played(source, connection)
-    rates = RateController(source, onlookers.control, governor, floor, recall)
+    rates = RateController(source, onlookers.control, governor, floor, recall, strain)
     last: Evidence | None = None
     told = LastCommands(connection.config)
     busy_ns = dict.fromkeys(range(len(connection.buses)), 0)
@@ -99,6 +105,7 @@ def stream(source: RunSource | BusStreams, connection: Connection, floor: Floor,
     statistics.packets = sum(each.packets for each in counters) - packets
     statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
     statistics.late_slices = source.counts().late_slices
+    statistics.strain_steps = 0.0 if strain is None else strain.greatest_steps
     _take_delays(statistics, governor, rates)
     onlookers.progress(rates.shown(source.progress()))
     return Streamed(last, statistics, tuple(rates.holds), rates.changes > 0, told.counts)
@@ -114,5 +121,5 @@ def _take_delays(statistics: StreamStatistics, governor: Governor, rates: RateCo
     statistics.host_delay_p99_ms = governor.delays.quantile_ns(0.99) / 1e6
     statistics.host_delay_max_ms = governor.delays.greatest_ns / 1e6
     statistics.late_exchanges = governor.delays.late
-    statistics.least_speed = governor.least_share
+    statistics.least_speed = rates.least_share
     statistics.unheeded = rates.unheeded

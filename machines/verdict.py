@@ -43,7 +43,8 @@ class HostUse:
     """What was measured of the host while it ran.
 
     delay_p99_ms, delay_max_ms: what host and module added to the bytes of an exchange. late_exchanges: exchanges that
-    left late. least_speed_percent: below 100 the motion was slowed for the host. unheeded: why it could not be.
+    left late. least_speed_percent: below 100 the motion was slowed for host or bus. unheeded: why it could not be.
+    strain_steps: how far from the path the host believed the axes to be for longer than moments, steps or counts.
     """
 
     delay_p99_ms: float
@@ -51,6 +52,7 @@ class HostUse:
     late_exchanges: int
     least_speed_percent: float
     unheeded: str = ""
+    strain_steps: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

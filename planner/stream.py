@@ -25,6 +25,7 @@ from planner.stream_group import GroupSchedule
 from planner.stream_hold import Retimed
 from planner.stream_pieces import PieceTrain
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, Pace, SmoothLane, StopHereLane
+from planner.stream_strain import Off, servo_off, step_axis_off
 from planner.timing import Rate
 from planner.types import Trajectory, nobody_asks
 
@@ -131,6 +132,14 @@ class StreamSource:
     def steppers_rest(self) -> bool:
         """No stepper of this bus is known to move."""
         return not any(axis.moving for axis in self._stream.axes)
+
+    def offs(self) -> list[Off]:
+        """How far behind its plan each motor of this bus is believed to be."""
+        stream, now_ns = self._stream, self._now_ns
+        found = [step_axis_off(axis, now_ns) for axis in stream.axes]
+        if isinstance(stream, AdaptiveSchedule):
+            found += [servo_off(lane, now_ns) for lane in stream.servos]
+        return found
 
     def _sent_s(self) -> float:
         return (self._now_ns + SENT_NS - self.plan_start_ns) / NS_PER_S

@@ -21,6 +21,7 @@ from planner.quantize import NS_PER_S
 from planner.stream import SENT_NS, Profile, Progress, StreamCounts, StreamSource, lead_in_ns, make_source
 from planner.stream_axis import LOAD_POSITION, LOAD_TRAJECTORY, START_NOW
 from planner.stream_base import NO_OPERATION, START_MOTION
+from planner.stream_strain import Off
 from planner.timing import Rate
 from planner.types import Trajectory, nobody_asks
 
@@ -158,6 +159,10 @@ class BusStreams:
         """From now on the host is believed to need up to this long before the first byte of a packet, on any bus."""
         for stream in self.streams:
             stream.assume(jitter_max_ns)
+
+    def offs(self) -> list[Off]:
+        """How far behind its plan each motor is believed to be."""
+        return [off for stream in self.streams for off in stream.offs()]
 
     def recall(self) -> None:
         """Take back what waits to be sent and was decided for times that hold no more."""

@@ -113,6 +113,10 @@ class ServoLane(Lane):
         """The trajectory has new times: look everything up again."""
         self.track.forget()
 
+    def commanded(self, now_ns: int) -> float:
+        """Where the command is believed to be, counts."""
+        return float(self.point)
+
     def delay_um(self, delay_ns: int, turn: Turn) -> float:
         """The begin of a motion cannot wait: a command that falls behind has to catch up."""
         return math.inf
@@ -269,6 +273,12 @@ class SmoothLane(ServoLane):
         super().retime()
         if self.resting:
             self._leaves_ns = self._next_leaving(self.schedule.now_ns)
+
+    def commanded(self, now_ns: int) -> float:
+        """On its point, or where the profiler has brought it."""
+        if self.resting:
+            return float(self.point)
+        return self.profiler.after(max(self.clock.next_after(now_ns) - self.tick, 0)).position / ONE
 
     @property
     def moving(self) -> bool:

@@ -49,7 +49,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
-    fit_bus: bool,
+    fit_bus: bool | None,
     servo_every: int,
     port: str | None,
     home: tuple[str, ...],

@@ -33,7 +33,7 @@ def command(
     solver: str,
     profile: str,
     seed: int | None,
-    fit_bus: bool,
+    fit_bus: bool | None,
     servo_every: int,
     as_json: bool,
     trace: str | None,
