@@ -54,7 +54,7 @@ class Habit:
 
 
 HABITS: Mapping[str, Habit] = {
-    "adaptive": Habit(2.0, 1.25, 1.0),
+    "adaptive": Habit(2.0, 1.0, 1.0),
     "group": Habit(2.0, 2.0, 1.0),
     "exact": Habit(2.0, 0.25, 2.0),
     "smooth": Habit(1.0, 1.0, 0.3),

@@ -13,12 +13,12 @@ LATE_PER_S = 1.0
 def cautions(verdict: Verdict, load: Load | None, allowed_steps: float) -> tuple[str, ...]:
     """Warnings in words.
 
-    load: what was estimated of the buses; on the twin the measured contour knows better. On a port what the host
-    believed is all that is known: more than ``allowed_steps`` of it is told.
+    load: what was estimated of the buses. On the twin the measured contour knows better; on a port what the host
+    believed is all that is known, and more than ``allowed_steps`` of it is told.
     """
     found = []
     contour = verdict.contour_steps
-    known_good = load is not None and contour is not None and contour.max <= load.limit_steps
+    known_good = contour is not None and contour.max <= allowed_steps
     if load is not None and not known_good:
         found.append(load.words())
     host = verdict.host
@@ -28,7 +28,7 @@ def cautions(verdict: Verdict, load: Load | None, allowed_steps: float) -> tuple
             f"(contour_steps allows {allowed_steps:g}); slowed to {host.least_speed_percent:.0f} %"
         )
     late, time_s = verdict.late_slices, max(verdict.plan_time_s, 1e-9)
-    if late >= LATE_MANY and late / time_s > LATE_PER_S:
+    if late >= LATE_MANY and late / time_s > LATE_PER_S and not known_good:
         cost = "is in the contour error" if verdict.contour_steps is not None else "was not measured"
         many = f"{late} slices began late, {late / time_s:.0f} a second"
         found.append(f"{many}: what they need had not been said in time; what that cost {cost}")

@@ -28,7 +28,7 @@ COUNT_BYTES = 4
 PREPARE_NS = 40_000_000
 """A reversal is prepared (Stop Motor) this long before its first step is due."""
 LATE_NS = 100_000
-"""A Start that leaves this much after its time counts as late."""
+"""A Start that leaves this much after its time, or after the latest that was foreseen, counts as late."""
 
 Stream = Generator[Exchange, Evidence, None]
 Said = Generator[Exchange, Evidence, bool]
@@ -94,8 +94,10 @@ class StepSchedule:
             pending.append((axis, load))
         yield from self.start(start_ns, pending)
 
-    def start(self, start_ns: int, pending: list[tuple[StepAxis, Load]]) -> Stream:
+    def start(self, start_ns: int, pending: list[tuple[StepAxis, Load]], foreseen_ns: int = 0) -> Stream:
         """Group Start Motion; an axis for which it has become too late leaves the group first.
+
+        foreseen_ns: until when everything before it should have been said at the latest, if that is after its time.
 
         A departure from rest for which new times have come does not happen: what is loaded is then loaded anew.
         """
@@ -108,9 +110,9 @@ class StepSchedule:
             pending = [(axis, load) for axis, load in pending if axis not in unsafe]
             yield from self.regroup({axis.motor.address for axis, _ in pending})
             if pending:
-                yield from self.start(start_ns, pending)
+                yield from self.start(start_ns, pending, foreseen_ns)
             return
-        if self.now_ns > start_ns + LATE_NS:
+        if self.now_ns > max(start_ns, foreseen_ns) + LATE_NS:
             self.late_slices += 1
         running = [axis for axis, load in pending if load.leg is None]
         last_ns = min((self.last_safe_ns(axis, 0) for axis in running), default=0)

@@ -43,6 +43,9 @@ LONG_NS = 8_000_000
 bend grows with the square of it."""
 LAG_NS = 10_000_000
 """Beyond this lag slices grow longer all the same."""
+LEAST_RUN = 0.05
+RATE_RESERVE = 1.05
+"""Near its chip's highest rate an axis needs slices in which the pauses take so little that this is left."""
 END_SHARE = 0.08
 """A slice may end this share of it sooner or later."""
 GAP_SLICES = 2
@@ -172,7 +175,9 @@ class ExactSchedule(AdaptiveSchedule):
         It begins where the last one ended, or half a slice before the first step after a rest. It ends where the plan
         will be when the next Start can be executed, so a slice that has come late is followed by a faster one.
         """
-        round_ns, made_ns = self._full_round_ns(), self._made_ns
+        made_ns = self._made_ns
+        least_ns = self._rate_round_ns(due_ns)
+        round_ns = max(self._full_round_ns(), least_ns)
         from_ns = due_ns - round_ns // 2 if made_ns is None or self._after_rest(due_ns) else made_ns
         lead_ns = self.mean_ns(0) - self.start_ns
         wanted_ns = max([from_ns - lead_ns, *(self._stands_ns(a) - self.timing.command_ns(0) for a in self.axes)])
@@ -187,7 +192,7 @@ class ExactSchedule(AdaptiveSchedule):
             part = Slice(from_ns, until_ns, run_ns)
             part, pieces = self._pieces(part)
             loading_ns = self._loading_ns(pieces, self.timing.mean_exchange_ns)
-            expected_ns = self._round_ns(self._next_loading_ns(part, pieces))
+            expected_ns = max(self._round_ns(self._next_loading_ns(part, pieces)), least_ns)
             round_ns = expected_ns if turn == 0 else max(round_ns, expected_ns)
         return part, pieces, wanted_ns
 
@@ -269,6 +274,15 @@ class ExactSchedule(AdaptiveSchedule):
         timing = self.timing
         unsure_ns = timing.reply_delay_max_ns + timing.jitter_max_ns
         return timing.start_delay_max_ns + unsure_ns * 3 // 4 + MARGIN_NS
+
+    def _rate_round_ns(self, due_ns: int) -> int:
+        """How long a slice from ``due_ns`` on must be so that an axis makes all its steps beside the pause in it."""
+        busiest = 0.0
+        for axis, train in zip(self.axes, self.trains, strict=True):
+            due = train.due(due_ns + LONG_NS)
+            if len(due) > 2:
+                busiest = max(busiest, RATE_RESERVE * axis.period_min_ns * (len(due) - 1) / (due[-1] - due[0]))
+        return int(self._pause_ns() / max(1.0 - busiest, LEAST_RUN))
 
     def _full_round_ns(self) -> int:
         """Time from Start to Start if every axis is loaded in between."""

@@ -40,6 +40,8 @@ class GroupSchedule(StepSchedule):
     def __init__(self, axes: Sequence[StepAxis], timing: BusTiming, bus: int) -> None:
         super().__init__(axes, timing, bus)
         self.feedback = Feedback(self, axes)
+        self._right_until_ns = 0
+        """Until the Start at this instant the counts of the slice that runs were chosen."""
         self.change: Change | None = None
         """The group of the coming Start, as foreseen at the last; None: as it is."""
 
@@ -78,11 +80,14 @@ class GroupSchedule(StepSchedule):
         members = self._members()
         yield from self.regroup({axis.motor.address for axis in members})
         start_ns = self._likely_start_ns(len(members))
+        worst_ns = self.now_ns + (len(members) + self._outside()) * self.timing.worst_ns(COUNT_BYTES)
+        foreseen_ns, self._right_until_ns = max(worst_ns, self._right_until_ns), 0
         slice_ns = self.likely_slice_ns(len(members)) + self._outside() * self.timing.mean_exchange_ns(COUNT_BYTES)
         self.change = next_change(self.axes, self.groups, slice_ns, self.latest_ns, start_ns)
         pending: list[tuple[StepAxis, Load]] = []
         execute_ns = self.mean_ns(start_ns)
-        target_ns = execute_ns + self._ahead_ns(self.change, start_ns)
+        ahead_ns = self._ahead_ns(self.change, start_ns)
+        target_ns = execute_ns + ahead_ns
         for axis in members:
             data, load = axis.count_load(execute_ns, target_ns, start_now=False)
             evidence = yield self.load(axis, data)
@@ -90,7 +95,8 @@ class GroupSchedule(StepSchedule):
             pending.append((axis, load))
         said = yield from self._alone(start_ns)
         if pending:
-            yield from self.start(start_ns, pending)
+            yield from self.start(start_ns, pending, foreseen_ns)
+            self._right_until_ns = start_ns + ahead_ns
         elif not said and any(axis.moving for axis in self.axes):
             yield self._wait(start_ns)
 

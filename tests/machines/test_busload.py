@@ -7,6 +7,7 @@ import pytest
 from benchmarks.busload import Case, machine, program
 from gcode.setup import Setup
 from machines.busload import Load, overload, possible_overload
+from machines.cautions import cautions
 from machines.job import plan_job, read_job
 from machines.load import MachineFile, load_machine, shipped_machines
 from machines.runner import RunOptions, RunResult, perform
@@ -26,13 +27,13 @@ def estimated(
 
 
 def run(
-    case: Case, profile: str, chips: str = "step", allowed: float = 6.0, *, fit_bus: bool = False
+    case: Case, profile: str, chips: str = "step", allowed: float = 6.0, *, fit_bus: bool | None = False
 ) -> tuple[RunResult, list[str]]:
     _, described, plan = estimated(case, profile, chips, allowed)
     told: list[str] = []
     job = read_job(program(case, 1), Setup(file="p.nc"), described.config)
     options = RunOptions(port="sim", seed=1, profile=profile, warn=told.append, fit_bus=fit_bus)
-    if fit_bus:
+    if fit_bus is not False:
         options = replace(options, tell=told.append)
     return perform(job, plan, described, options), told
 
@@ -54,11 +55,11 @@ def test_the_estimate_is_near_what_the_simulator_shows(axes: int, baud: int, pro
     assert load is not None
     assert result.verdict is not None
     assert result.verdict.contour_steps is not None
-    assert not load.lost
     assert 0.5 < load.steps / result.verdict.contour_steps.max < 2
     assert told == [load.words()]
-    assert result.verdict.warnings[0] == load.words()
-    assert not result.verdict.ok
+    bad = result.verdict.contour_steps.max > 6.0
+    assert result.verdict.ok is not bad
+    assert result.verdict.warnings[:1] == ((load.words(),) if bad else ())
 
 
 def test_nothing_is_said_of_three_axes_on_a_fast_bus() -> None:
@@ -68,14 +69,19 @@ def test_nothing_is_said_of_three_axes_on_a_fast_bus() -> None:
     assert estimated(STEEP, "smooth", "mixed")[0] is None
 
 
-def test_a_bus_that_cannot_say_when_legs_begin_is_told_without_a_figure() -> None:
-    slow = Case(3, 9600, 50, 300)
-    load, _, _ = estimated(slow, "adaptive")
-    assert load is not None
-    assert load.lost
-    assert "may fall far behind" in load.words()
-    assert "a higher baud" in load.words()
-    assert estimated(Case(2, 9600, 50, 300), "adaptive")[0] is None
+@pytest.mark.parametrize(
+    ("case", "profile"),
+    [
+        (Case(3, 9600, 50, 300), "adaptive"),
+        (Case(3, 9600, 50, 300), "group"),
+        (Case(3, 9600, 50, 9), "adaptive"),
+        (Case(8, 115200, 500, 60), "exact"),
+    ],
+)
+def test_on_the_slowest_buses_too_a_stream_keeps_to_its_plan(case: Case, profile: str) -> None:
+    result, _ = run(case, profile, allowed=12.0)
+    assert result.verdict is not None
+    assert result.verdict.ok, result.verdict.contour_steps
 
 
 def test_what_is_advised_is_enough() -> None:
@@ -96,12 +102,31 @@ def test_a_measured_contour_within_its_limit_knows_better_than_an_estimate() -> 
     assert result.verdict.warnings == ()
 
 
-def test_many_late_slices_are_told_in_words() -> None:
-    result, _ = run(STEEP, "group")
-    assert result.verdict is not None
-    assert result.verdict.late_slices > 20
-    [words] = result.verdict.warnings
-    assert words.startswith(f"{result.verdict.late_slices} slices began late")
+def test_what_went_wrong_is_told_in_words_unless_the_contour_was_measured_and_is_good() -> None:
+    verdict = run(STEEP, "group")[0].verdict
+    assert verdict is not None
+    assert verdict.host is not None
+    late = replace(verdict, late_slices=300)
+    assert cautions(late, None, 6.0) == ()
+    assert cautions(late, None, 1.0) == (
+        "300 slices began late, 44 a second: what they need had not been said in time; "
+        "what that cost is in the contour error",
+    )
+    [words] = cautions(replace(late, contour_steps=None), None, 6.0)
+    assert words.endswith("what that cost was not measured")
+    strained = replace(verdict.host, strain_steps=9.3, least_speed_percent=45.0)
+    on_a_port = replace(verdict, contour_steps=None, host=strained)
+    assert cautions(on_a_port, None, 6.0) == (
+        "the axes were off the path by about 9 steps or counts, by what the host knows (contour_steps allows 6); "
+        "slowed to 45 %",
+    )
+    assert cautions(on_a_port, None, 10.0) == ()
+
+
+def test_a_slice_that_took_as_long_as_was_foreseen_is_not_late() -> None:
+    verdict = run(STEEP, "group")[0].verdict
+    assert verdict is not None
+    assert verdict.late_slices < 25
 
 
 def test_a_verdict_names_the_profiles() -> None:
@@ -113,7 +138,7 @@ def test_a_verdict_names_the_profiles() -> None:
 def test_a_machine_file_is_looked_at_with_all_axes_at_once() -> None:
     load = possible_overload(machine(Case(8, 115200, 500, 1200), "step").config, simulated=True)
     assert load is not None
-    assert (load.bus, load.moving, load.lost, load.line) == ("main", 8, False, 0)
+    assert (load.bus, load.moving, load.line) == ("main", 8, 0)
     assert 8 < load.steps < 20
     assert possible_overload(machine(STEEP, "step").config, simulated=True) is None
     for name in shipped_machines():
@@ -143,10 +168,26 @@ def test_a_plan_can_be_fitted_to_its_bus(axes: int, profile: str, chips: str, wh
     assert result.plan.trajectory.duration_s > plain.plan.trajectory.duration_s
 
 
-def test_a_bus_that_nothing_makes_up_for_keeps_its_plan_and_the_warning() -> None:
+def test_a_plan_is_fitted_unless_that_is_not_wanted_but_stop_here_points_only_where_it_is() -> None:
     slow = Case(3, 9600, 50, 300)
-    load, _, plan = estimated(slow, "adaptive")
+    fitted, told = run(slow, "adaptive", fit_bus=None)
+    assert len(told) == 1
+    assert told[0].startswith("planned with accelerations of ")
+    assert fitted.verdict is not None
+    assert fitted.verdict.ok
+    assert fitted.verdict.warnings == ()
+    plain, told = run(slow, "adaptive", fit_bus=False)
+    assert plain.verdict is not None
+    assert not plain.verdict.ok
+    assert told == [plain.verdict.warnings[0]]
+    _, told = run(STEEP, "stop-here", "servo", fit_bus=None)
+    assert len(told) == 1
+    assert told[0].startswith("bus main is too slow")
+
+
+def test_a_limit_below_what_steps_are_off_keeps_the_plan_and_the_warning() -> None:
+    load, _, plan = estimated(STEEP, "adaptive", allowed=0.9)
     assert load is not None
-    result, told = run(slow, "adaptive", fit_bus=True)
+    result, told = run(STEEP, "adaptive", allowed=0.9, fit_bus=True)
     assert told == ["no lower accelerations or speeds make up for the bus: planned as before", load.words()]
-    assert result.plan.trajectory.duration_s == pytest.approx(plan.trajectory.duration_s)
+    assert result.plan.trajectory.duration_s >= plan.trajectory.duration_s

@@ -123,18 +123,17 @@ def test_without_a_watchdog_smooth_is_refused_on_a_port(on_port: Ran) -> None:
 def test_a_profile_given_by_hand_is_taken(on_port: Ran, profile: str) -> None:
     result, told, _ = on_port(changed("mill3-servo", jitter(4)), profile)
     assert used(result) == profile
-    assert told == []
+    assert [words for words in told if words.startswith("profile")] == []
 
 
 @pytest.mark.parametrize(("ms", "wanted"), [(0.2, "smooth"), (2, "smooth"), (20, "stop-here")])
 def test_the_twin_takes_smooth_as_far_as_its_jitter_allows(ms: float, wanted: str) -> None:
     config = changed("mill3-servo", jitter(ms)).config
-    job = read_job(PROGRAM, Setup(file="job.nc", start=ORIGIN), config)
 
     def never() -> int:
         raise AssertionError("the twin is not measured")
 
-    chosen = choose(config, "auto", True, plan_job(job, config, "kernel").trajectory, never)
+    chosen = choose(config, "auto", True, never)
     assert chosen.profile == wanted
     assert bool(chosen.notes) == (wanted == "stop-here")
 
