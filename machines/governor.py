@@ -7,7 +7,7 @@ all; the third largest slows the motion, so that one or two hiccups do not and a
 
     excess   :  .  . |.  .    .|. ||.|  .  .  .    .   .   .   .
     assumed  --------+ raised at once                            +--- lowered after a calm time
-    rate     --------+ lowered at once, in the same proportion   +--- raised
+    rate     --------+ lowered at once, by the root of it        +--- raised
 """
 
 from __future__ import annotations
@@ -169,7 +169,11 @@ class Governor:
         return max(took_ns - timing.worst_ns(data, extra), 0) + max(late_ns - LATE_NS, 0)
 
     def _carried(self) -> float:
-        """The share of the speed that goes with what is assumed."""
+        """The share of the speed that goes with what is assumed.
+
+        An axis misses between two loads what its acceleration makes of the square of that time. Accelerations go with
+        the square of the share: with the root of the time it misses as much more as its turns are longer, not more.
+        """
         worst_ns = self.timing.worst_ns(LOAD_BYTES)
-        steps = int(worst_ns / (worst_ns + self._slow.excess_ns) / SHARE_STEP + 1e-9)
+        steps = int((worst_ns / (worst_ns + self._slow.excess_ns)) ** 0.5 / SHARE_STEP + 1e-9)
         return max(steps * SHARE_STEP, SHARE_LEAST) if self._slow.excess_ns else 1.0

@@ -242,10 +242,10 @@ def test_a_host_slower_than_assumed_slows_the_motion_and_not_the_truth(real_ms: 
     assert verdict.violations == {}
     assert verdict.late_slices == 0
     assert verdict.host is not None
-    assert verdict.host.least_speed_percent < 75
+    assert 40 < verdict.host.least_speed_percent <= 80
     assert verdict.host.delay_max_ms > 0.8 * real_ms
     assert verdict.contour_steps is not None
-    assert verdict.contour_steps.max <= 4.0 + real_ms
+    assert verdict.contour_steps.max <= 4.0
     assert verdict.plan_time_s > plan.trajectory.duration_s
     first_ns, said = journal.of("host_delays")[0]
     begins_ns = journal.of("run_begins")[0][1]["plan_start_ns"]
