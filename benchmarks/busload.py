@@ -1,22 +1,23 @@
 """What a bus can follow: the estimate of ``machines/busload.py`` beside what comes out of the simulated pins.
 
-    PYTHONPATH=. python -m benchmarks.busload [--only adaptive] [--seed 1]
+    PYTHONPATH=. python -m benchmarks.busload [--only adaptive] [--seed 1] [--fitted]
 
-Random straight lines of all axes at once, path tolerance 0.05 mm, as programmed: nothing is slowed for the bus. One row
-takes a second or two.
+Random straight lines of all axes at once, path tolerance 0.05 mm, as programmed: nothing is slowed for the bus. With
+``--fitted`` beside it what comes out when it is, and how long both take. One row takes a second or two.
 """
 
 from __future__ import annotations
 
 import argparse
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcode.setup import Setup
 from machines.busload import overload
-from machines.job import plan_job, read_job
+from machines.job import Job, plan_job, read_job
 from machines.load import MachineFile, parse_machine
 from machines.runner import RunOptions, perform
+from planner.plan import Plan
 
 AXES = "XYZABCUV"
 SERVO = "kp = 220\nkd = 2640\nki = 150\nintegration_limit = 4000\n"
@@ -64,7 +65,16 @@ def program(case: Case, seed: int) -> str:
     return "\n".join([*lines, "G0 " + " ".join(f"{axis}0" for axis in names), "M2", ""])
 
 
-def row(case: Case, profile: str, chips: str, seed: int) -> str:
+def simulated(described: MachineFile, job: Job, plan: Plan, options: RunOptions) -> str:
+    """Contour error, max and p99.9, and the time it took."""
+    result = perform(job, plan, described, options)
+    if result.verdict is None or result.verdict.contour_steps is None:
+        return result.fault
+    spread = result.verdict.contour_steps
+    return f"{spread.max:8.1f} {spread.p999:8.1f} {result.verdict.plan_time_s:6.1f} s"
+
+
+def row(case: Case, profile: str, chips: str, seed: int, *, fitted: bool) -> str:
     """One line of the table."""
     described = machine(case, chips)
     job = read_job(program(case, seed), Setup(file="p.nc"), described.config)
@@ -74,9 +84,10 @@ def row(case: Case, profile: str, chips: str, seed: int) -> str:
     )
     load = overload(ask, plan.trajectory, profile, simulated=True)
     assert load is not None
-    result = perform(job, plan, described, RunOptions(port="sim", seed=seed, profile=profile, fit_bus=False))
-    spread = None if result.verdict is None else result.verdict.contour_steps
-    measured = result.fault if spread is None else f"{spread.max:8.1f} {spread.p999:8.1f}"
+    options = RunOptions(port="sim", seed=seed, profile=profile, fit_bus=False)
+    measured = simulated(described, job, plan, options)
+    if fitted:
+        measured += f"  fitted {simulated(described, job, plan, replace(options, fit_bus=True))}"
     what = f"{case.axes} axes {case.baud:6d} baud {case.acceleration:5.0f} mm/s2 F{case.feed:<5.0f} {case.jitter_ms} ms"
     estimate = f"turn {load.turn_ms:5.1f} ms  estimate {load.steps:8.1f}"
     return f"{profile:10s} {chips:6s} {what}  {estimate}  simulated {measured}"
@@ -87,11 +98,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--only", default="", help="rows of this profile")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--fitted", action="store_true", help="slowed for the bus as well")
     options = parser.parse_args()
     groups = [(name, "step") for name in STEPPERS] + [(name, chips) for name in SERVOS for chips in ("servo", "mixed")]
     for profile, chips in groups:
         for case in CASES if options.only in ("", profile) else ():
-            print(row(case, profile, chips, options.seed), flush=True)
+            print(row(case, profile, chips, options.seed, fitted=options.fitted), flush=True)
 
 
 if __name__ == "__main__":

@@ -87,16 +87,18 @@ def verify(
     profile: str = "auto",
     seed: int | None = None,
     control: Control | None = None,
+    fit_bus: bool | None = None,
 ) -> RunResult:
     """Run a program on the machine's twin: its verdict, trace and violations. Raises as :func:`plan`.
 
+    ``fit_bus``: slow down where a bus cannot follow, or not; None: so, but for Stop Here points.
     ``control``: holds, resumes and overrides it, such as ``Script([(0.5, "hold"), (1.0, "resume"), (2.0, "feed 50")])``
     of ``machines.control``.
     """
     from machines.runner import RunOptions, perform
 
     ready = plan(program, machine, work_offset=work_offset, dialect=dialect, solver=solver)
-    options = RunOptions(port="sim", seed=seed, profile=profile, control=control)
+    options = RunOptions(port="sim", seed=seed, profile=profile, control=control, fit_bus=fit_bus)
     return perform(ready.job, ready.plan, ready.machine, options)
 
 

@@ -123,8 +123,8 @@ def _host_rows(verdict: Verdict) -> list[tuple[str, str]]:
         )
         if host.least_speed_percent < 100:
             words += f"; slowed to {host.least_speed_percent:.0f} % at the least"
-        if verdict.contour_steps is None:
-            words += f"; off the path by at most {host.strain_steps:.1f} steps or counts, by what the host knows"
+        if verdict.contour_steps is None and host.strain_steps is not None:
+            words += f"; about {host.strain_steps:.1f} steps or counts off the path, by what the host knows"
         rows.append(("host delays", words))
     for hold in verdict.holds:
         words = f"line {hold.line}: rest in {hold.announced_s:.3f} s and {hold.announced_mm:.3f} mm announced"

@@ -104,7 +104,7 @@ class Load:
             most = int(self.moving * (self.share if linear else self.share**0.5))
             cure = f"at most {most} axes on this bus, " if most > 1 else cure
             what = "speeds" if linear else "accelerations"
-            cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these (--fit-bus)"
+            cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these"
         else:
             cure += "or a host with less jitter"
         allowed = f" (contour_steps allows {self.limit_steps:g})"

@@ -22,9 +22,10 @@ def cautions(verdict: Verdict, load: Load | None, allowed_steps: float) -> tuple
     if load is not None and not known_good:
         found.append(load.words())
     host = verdict.host
-    if contour is None and host is not None and host.strain_steps > allowed_steps:
+    strain = host.strain_steps if host is not None else None
+    if contour is None and host is not None and strain is not None and strain > allowed_steps:
         found.append(
-            f"the axes were off the path by about {host.strain_steps:.0f} steps or counts, by what the host knows "
+            f"the axes were off the path by about {strain:.0f} steps or counts, by what the host knows "
             f"(contour_steps allows {allowed_steps:g}); slowed to {host.least_speed_percent:.0f} %"
         )
     late, time_s = verdict.late_slices, max(verdict.plan_time_s, 1e-9)

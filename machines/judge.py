@@ -211,7 +211,7 @@ def _host_use(outcome: Outcome) -> HostUse:
         late_exchanges=statistics.late_exchanges,
         least_speed_percent=round(100 * statistics.least_speed, 1),
         unheeded=statistics.unheeded,
-        strain_steps=round(statistics.strain_steps, 2),
+        strain_steps=None if statistics.strain_steps is None else round(statistics.strain_steps, 2),
     )
 
 

@@ -14,8 +14,8 @@ class StreamStatistics:
 
     host_delay_p99_ms, host_delay_max_ms: what host and module have added to the bytes of an exchange. late_exchanges:
     exchanges that left late. least_speed: smallest share of the programmed speed that the bus could carry. unheeded:
-    why the motion was not slowed although it should have been. strain_steps: how far from the path the host believed
-    the axes to be for longer than moments (``machines.strain``), steps or counts.
+    why the motion was not slowed although it should have been. strain_steps: how far from the path, at most, the
+    host believed the axes to be when it looked (``machines.strain``), steps or counts; None if it did not.
     """
 
     packets: int = 0
@@ -28,7 +28,7 @@ class StreamStatistics:
     host_delay_max_ms: float = 0.0
     late_exchanges: int = 0
     least_speed: float = 1.0
-    strain_steps: float = 0.0
+    strain_steps: float | None = None
     unheeded: str = ""
 
 

@@ -65,8 +65,8 @@ class Floor(Protocol):
 class RateController:
     """Serves the control of one run. ``stop_asked``: somebody wants it to end.
 
-    ``recall``: takes back what waits to be sent; called before times change. ``strain``: None where a bus that cannot
-    follow is not to be slowed for.
+    ``recall``: takes back what waits to be sent; called before times change. ``strain``: how far off the path the axes
+    are believed to be; None: nobody looks.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class RateController:
         rate = replace(self._rate, feed=share) if request.kind == "feed" else replace(self._rate, rapid=share)
         if rate == self._rate:
             return
-        self._apply(source, rate)
+        self._apply(source, rate, evidence)
         feed, rapid = round(100 * rate.feed), round(100 * rate.rapid)
         self._floor.note("override", evidence.replied_ns, feed_percent=feed, rapid_percent=rapid)
         self._tell(feed_percent=100 * rate.feed, rapid_percent=100 * rate.rapid, refused="")
@@ -206,7 +206,7 @@ class RateController:
                 self._source.assume(advice.jitter_max_ns)
             self._host_share = advice.share
             if self._source is not None:
-                self._carry(self._source)
+                self._carry(self._source, evidence)
         except (ValueError, PlanError) as error:
             self.unheeded = str(error)
             words["speed_percent"] = 100
@@ -218,30 +218,37 @@ class RateController:
         if self._told.state != "running":
             strain.pause(evidence.replied_ns)
             return
-        if not strain.look(strain_steps(source.offs()), evidence.replied_ns):
+        offs = source.offs()
+        if not any(off.rate for off in offs):
+            strain.skip(evidence.replied_ns)
+            return
+        if not strain.look(strain_steps(offs), evidence.replied_ns, self._rate.bus):
             return
         try:
-            self._carry(source)
+            self._carry(source, evidence)
         except (ValueError, PlanError) as error:
-            self._floor.note("refused", evidence.replied_ns, message=str(error))
-        share = round(100 * self._rate.bus)
-        steps = round(strain.greatest_steps, 1)
-        line = evidence.exchange.line
-        self._floor.note("bus_strain", evidence.replied_ns, line=line, greatest_steps=steps, speed_percent=share)
+            self._refuse(str(error), evidence)
+            strain.slows = False  # what could not be slowed is not asked again
+        share, steps = round(100 * self._rate.bus), round(strain.steps, 1)
+        self._floor.note(
+            "bus_strain", evidence.replied_ns, line=evidence.exchange.line, steps=steps, speed_percent=share
+        )
         self._tell(bus_percent=100 * self._rate.bus)
 
-    def _carry(self, source: RateControlled) -> None:
+    def _carry(self, source: RateControlled, evidence: Evidence) -> None:
         """As fast as host and bus can carry."""
         share = self._host_share if self._strain is None else min(self._host_share, self._strain.share)
-        self.least_share = min(self.least_share, share)
         if share != self._rate.bus:
-            self._apply(source, replace(self._rate, bus=share))
+            self._apply(source, replace(self._rate, bus=share), evidence)
+            self.least_share = min(self.least_share, share)
 
-    def _apply(self, source: RateControlled, rate: Rate) -> None:
+    def _apply(self, source: RateControlled, rate: Rate, evidence: Evidence) -> None:
         self._recall()
         source.override(rate)
         self._rate = rate
         self.changes += 1
+        if self._strain is not None:
+            self._strain.pause(evidence.replied_ns)
 
     def _refuse(self, words: str, evidence: Evidence) -> None:
         self._floor.note("refused", evidence.replied_ns, message=words)

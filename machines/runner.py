@@ -173,13 +173,14 @@ def _overload(config: MachineConfig, job: Job, plan: Plan, options: RunOptions) 
         load = overload(config, plan.trajectory, options.profile, simulated)
     except ValueError as error:
         raise SessionError(str(error)) from None
-    if load is not None and _fits(config, options):
+    fits = _fits(config, options)
+    if load is not None and fits:
         fit = fitted(job, config, plan, load, options.profile, simulated)
         plan, load = fit.plan, fit.load
         if options.tell is not None:
             options.tell(fit.words)
     if load is not None and options.warn is not None:
-        options.warn(load.words())
+        options.warn(load.words() if fits else f"{load.words()} (--fit-bus)")
     return plan, load
 
 
@@ -250,6 +251,7 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
     if len(outcomes) == 1:
         return outcomes[0]
     each = [outcome.statistics for outcome in outcomes]
+    strains = [statistics.strain_steps for statistics in each if statistics.strain_steps is not None]
     total = StreamStatistics(
         packets=sum(statistics.packets for statistics in each),
         bytes=sum(statistics.bytes for statistics in each),
@@ -261,7 +263,7 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
         host_delay_max_ms=max(statistics.host_delay_max_ms for statistics in each),
         late_exchanges=sum(statistics.late_exchanges for statistics in each),
         least_speed=min(statistics.least_speed for statistics in each),
-        strain_steps=max(statistics.strain_steps for statistics in each),
+        strain_steps=max(strains, default=None),
         unheeded=next((statistics.unheeded for statistics in each if statistics.unheeded), ""),
     )
     first, last = outcomes[0], outcomes[-1]

@@ -178,7 +178,7 @@ class Session:
         progress: Callable[[Progress], None] | None = None,
         stop_requested: Callable[[], bool] = _never,
         control: Control | None = None,
-        fit_bus: bool = True,
+        fit_bus: bool = False,
     ) -> Outcome:
         """Stream a trajectory to its end or to a requested stop. Raises SessionError after stopping everything.
 
@@ -190,7 +190,7 @@ class Session:
             raise SessionError(f"the machine is {self.state.value}, not idle")
         self._change(State.RUNNING)
         source: RunSource | BusStreams | None = None
-        strain = Strain(self.config.verify.contour_steps) if fit_bus else None
+        strain = Strain(self.config.verify.contour_steps, fit_bus)
         onlookers = Onlookers(progress or _nothing, self.watch, stop_requested, control or Control())
         try:
             begins_at = self._positions()

@@ -28,13 +28,19 @@ SHARE_STEP, SHARE_LEAST = 0.05, 0.1
 
 
 class Strain:
-    """The looks of one run. limit_steps: largest distance from the path that the verdict allows."""
+    """The looks of one run. limit_steps: largest distance from the path that the verdict allows.
 
-    def __init__(self, limit_steps: float) -> None:
+    slows: the share may change; without, the axes are looked at all the same, and nothing follows from it.
+    """
+
+    def __init__(self, limit_steps: float, slows: bool = True) -> None:
         self.aim_steps = max(SHARE_OF_LIMIT * limit_steps, LEAST_STEPS)
+        self.slows = slows
         self.share = 1.0
-        self.greatest_steps = 0.0
-        """The largest strain so far."""
+        self.steps = 0.0
+        """The strain that has changed the share last."""
+        self.greatest_steps: float | None = None
+        """The largest single look so far."""
         self._looks: deque[float] = deque(maxlen=WINDOW)
         self._calm: deque[float] = deque(maxlen=CALM_LOOKS)
         self._next_ns = 0
@@ -43,21 +49,27 @@ class Strain:
         """It is time to look."""
         return now_ns >= self._next_ns
 
-    def look(self, steps: float, now_ns: int) -> bool:
-        """The axes are believed to be so far off; whether the share is another one now."""
+    def look(self, steps: float, now_ns: int, now_share: float) -> bool:
+        """The axes are believed to be so far off at this share of the speed; whether another one is wanted now."""
         self._next_ns = now_ns + EVERY_NS
         self._looks.append(steps)
         self._calm.append(steps)
-        if len(self._looks) < RANK:
+        self.greatest_steps = max(self.greatest_steps or 0.0, steps)
+        if not self.slows or len(self._looks) < RANK:
             return False
         strain = sorted(self._looks)[-RANK]
-        self.greatest_steps = max(self.greatest_steps, strain)
-        allowed = self._allowed(strain)
-        if allowed < self.share or (len(self._calm) == CALM_LOOKS and self._allowed(max(self._calm)) > self.share):
-            self.share = allowed if allowed < self.share else self._allowed(max(self._calm))
-            self.pause(now_ns)
-            return True
-        return False
+        allowed = self._allowed(strain, now_share)
+        if allowed >= self.share and len(self._calm) == CALM_LOOKS:
+            allowed = max(self._allowed(max(self._calm), now_share), self.share)
+        if allowed == self.share or (allowed > self.share and len(self._calm) < CALM_LOOKS):
+            return False
+        self.share, self.steps = allowed, strain
+        self.pause(now_ns)
+        return True
+
+    def skip(self, now_ns: int) -> None:
+        """Nothing moves: that says nothing."""
+        self._next_ns = now_ns + EVERY_NS
 
     def pause(self, now_ns: int) -> None:
         """The times have changed, or the machine stands: begin anew."""
@@ -65,9 +77,9 @@ class Strain:
         self._calm.clear()
         self._next_ns = now_ns + SETTLES_NS
 
-    def _allowed(self, strain: float) -> float:
+    def _allowed(self, strain: float, now_share: float) -> float:
         """The share of the speed that brings a strain to what is aimed at, in whole ``SHARE_STEP``."""
-        share = self.share * (self.aim_steps / max(strain, 1e-9)) ** 0.5
+        share = now_share * (self.aim_steps / max(strain, 1e-9)) ** 0.5
         if strain > self.aim_steps:
-            share = min(share, self.share - SHARE_STEP)
+            share = min(share, now_share - SHARE_STEP)
         return min(max(int(share / SHARE_STEP + 1e-9) * SHARE_STEP, SHARE_LEAST), 1.0)

@@ -62,12 +62,9 @@ class Streamed:
 
 
 def stream(
-    source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers, strain: Strain | None
+    source: RunSource | BusStreams, connection: Connection, floor: Floor, onlookers: Onlookers, strain: Strain
 ) -> Streamed:
-    """Play a source to its end, or until it is asked to stop; stopping the motors is then the caller's business.
-
-    strain: None where the motion is not to be slowed for a bus that cannot follow.
-    """
+    """Play a source to its end, or until it is asked to stop; stopping the motors is then the caller's business."""
     link, simulated = connection.links[0], connection.simulation is not None
     floor.note("run_begins", link.now_ns(), plan_start_ns=source.plan_start_ns)
     statistics = StreamStatistics()
@@ -105,7 +102,7 @@ def stream(
     statistics.packets = sum(each.packets for each in counters) - packets
     statistics.bytes = sum(each.bytes_out + each.bytes_in for each in counters) - wire_bytes
     statistics.late_slices = source.counts().late_slices
-    statistics.strain_steps = 0.0 if strain is None else strain.greatest_steps
+    statistics.strain_steps = strain.greatest_steps
     _take_delays(statistics, governor, rates)
     onlookers.progress(rates.shown(source.progress()))
     return Streamed(last, statistics, tuple(rates.holds), rates.changes > 0, told.counts)

@@ -44,7 +44,8 @@ class HostUse:
 
     delay_p99_ms, delay_max_ms: what host and module added to the bytes of an exchange. late_exchanges: exchanges that
     left late. least_speed_percent: below 100 the motion was slowed for host or bus. unheeded: why it could not be.
-    strain_steps: how far from the path the host believed the axes to be for longer than moments, steps or counts.
+    strain_steps: how far from the path, at most, the host believed the axes to be when it looked, steps or counts; None
+    if it did not.
     """
 
     delay_p99_ms: float
@@ -52,7 +53,7 @@ class HostUse:
     late_exchanges: int
     least_speed_percent: float
     unheeded: str = ""
-    strain_steps: float = 0.0
+    strain_steps: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ braked with the limits of the machine, as hard as it was planned to be, until it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,19 +25,23 @@ from planner import kernel
 from planner.braking import hardest
 from planner.constraints import Constraints
 from planner.timing import Rate, corner_caps, eased, speed_cap
-from planner.types import F8, Intervals
+from planner.types import F8, Intervals, nobody_asks
 
 WITHIN = 1 + 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """N intervals that are to be timed at a rate. fixed: bool[N], those whose feed nobody may override; None: none."""
+    """N intervals that are to be timed at a rate. fixed: bool[N], those whose feed nobody may override; None: none.
+
+    alive: called between stages.
+    """
 
     path: Intervals
     constraints: Constraints
     rate: Rate
     fixed: npt.NDArray[np.bool_] | None
+    alive: Callable[[], None] = nobody_asks
 
     def ease(self, x: float) -> F8 | None:
         """The share of the accelerations f8[N] for a motion with ``x`` at the first node; None: all, everywhere."""
@@ -47,7 +52,12 @@ class Stretch:
         if x <= 0 or not len(p):
             return ease
         safe = np.empty(len(p) + 1)
-        kernel.backward(p.length, *self.tangents(ease), c.acceleration, self.caps(ease)[1], 0.0, safe)
+        tangents = self.tangents(ease)
+        self.alive()
+        node_cap = self.caps(ease)[1]
+        self.alive()
+        kernel.backward(p.length, *tangents, c.acceleration, node_cap, 0.0, safe)
+        self.alive()
         inside = np.flatnonzero(hardest(p, c, x)[0] <= safe * WITHIN)
         ease[: inside[0] if len(inside) else len(p)] = 1.0
         return ease
@@ -67,6 +77,7 @@ class Stretch:
             fastest = (velocity / np.maximum(most, kernel.TINY)).min(axis=1, initial=np.inf)
             speed, corner = np.minimum(speed, self.rate.bus * fastest), corner * self.rate.bus
             velocity = np.full_like(velocity, np.inf)
+        self.alive()
         longer, bound = eased(tangents, ease), c.acceleration
         kernel.node_caps(p.length, *longer, speed, p.stop, velocity, bound, corner, cap, node_cap)
         return cap, node_cap

@@ -260,13 +260,15 @@ class LiveTrajectory:
         if not len(p):
             return
         ahead = self._stretch(p)
-        met = where_met(p, c, hardest(p, c, self._x)[0], ahead.caps(ahead.ease(0.0))[0])
+        cap = ahead.caps(ahead.ease(0.0))[0]
+        self.alive()
+        met = where_met(p, c, hardest(p, c, self._x)[0], cap)
         if met is not None and SNAP_MM < met[1] < p.length[met[0]] - SNAP_MM:
             self._divide(self._node + met[0], met[1])
 
     def _stretch(self, p: Intervals) -> Stretch:
         """Intervals from the present node on, at the present rate."""
-        return Stretch(p, self._setting.constraints, self.rate, self._fixed(len(p)))
+        return Stretch(p, self._setting.constraints, self.rate, self._fixed(len(p)), self.alive)
 
     def _solve(self, p: Intervals) -> tuple[F8, F8, int, F8 | None]:
         """x at the nodes of ``p``, caps, how many intervals the future cannot change, and the ease of those."""
@@ -278,7 +280,9 @@ class LiveTrajectory:
         ease = ahead.ease(self._x)
         self.alive()
         tangents = ahead.tangents(ease)
+        self.alive()
         cap, node_cap = ahead.caps(ease)
+        self.alive()
         if self._x > 0:
             # too fast for the new caps: they give way to the hardest braking
             slow = hardest(p, c, self._x)[0]

@@ -146,7 +146,7 @@ def rehearse(plan: Plan, motors: Sequence[Motor] = ()) -> None:
         return
     trial = RetimablePlan(plan)
     half = trial.duration_s / 2
-    trial.override(half, Rate(0.9, 0.9))
+    trial.override(half, Rate(0.9, 0.9, 0.9))
     rest = trial.hold(half + 0.01)
     trial.resume(rest.time_s + 0.01)
     for many in (3, WALK_FROM):

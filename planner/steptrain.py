@@ -1,7 +1,8 @@
 """Step trains: the instants at which each motor should step, cut into legs.
 
-A leg is a monotone run without a gap longer than the step timer can wait: what one stop position and a chain of timer
-counts can produce. Its end is the axis's next reversal or rest, known before its first step leaves.
+A leg is a monotone run without a long gap: what one stop position and a chain of timer counts can produce, or several
+stop positions where all axes stand in between. Its end is the axis's next reversal or rest, known before its first step
+leaves.
 
       position            leg 1: 4 steps up          leg 2: 2 down
         4 |        .-'''-.
@@ -124,7 +125,7 @@ class Samples:
 
 
 class StepTrain(Train):
-    """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg and one chunk.
+    """Legs of one motor, pulled from a trajectory chunk by chunk; memory holds one leg, what is overdue, and one chunk.
 
     from_s: where in the trajectory the train begins. start_steps: where the motor stands then, if that is not the step
     nearest to the plan; the difference is made up, or saved, on the way. chunk_s: how much is sampled at once.

@@ -281,7 +281,7 @@ class ExactSchedule(AdaptiveSchedule):
         for axis, train in zip(self.axes, self.trains, strict=True):
             due = train.due(due_ns + LONG_NS)
             if len(due) > 2:
-                busiest = max(busiest, RATE_RESERVE * axis.period_min_ns * (len(due) - 1) / (due[-1] - due[0]))
+                busiest = max(busiest, RATE_RESERVE * axis.period_min_ns * (len(due) - 1) / max(due[-1] - due[0], 1))
         return int(self._pause_ns() / max(1.0 - busiest, LEAST_RUN))
 
     def _full_round_ns(self) -> int:

@@ -113,9 +113,9 @@ class ServoLane(Lane):
         """The trajectory has new times: look everything up again."""
         self.track.forget()
 
-    def commanded(self, now_ns: int) -> float:
-        """Where the command is believed to be, counts."""
-        return float(self.point)
+    def off(self, now_ns: int) -> float:
+        """How far the command is believed to be behind its plan, counts (signed)."""
+        return self.track.at(now_ns) - self.point
 
     def delay_um(self, delay_ns: int, turn: Turn) -> float:
         """The begin of a motion cannot wait: a command that falls behind has to catch up."""
@@ -274,11 +274,12 @@ class SmoothLane(ServoLane):
         if self.resting:
             self._leaves_ns = self._next_leaving(self.schedule.now_ns)
 
-    def commanded(self, now_ns: int) -> float:
-        """On its point, or where the profiler has brought it."""
+    def off(self, now_ns: int) -> float:
+        """The profiler moves tick by tick: judged at the end of one, for half a tick of way is no error."""
         if self.resting:
-            return float(self.point)
-        return self.profiler.after(max(self.clock.next_after(now_ns) - self.tick, 0)).position / ONE
+            return super().off(now_ns)
+        tick = max(self.clock.next_after(now_ns), self.tick)
+        return self._wanted(tick) - self.profiler.after(tick - self.tick).position / ONE
 
     @property
     def moving(self) -> bool:

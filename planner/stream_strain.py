@@ -46,8 +46,7 @@ def step_axis_off(axis: StepAxis, now_ns: int) -> Off:
         made = bisect_left(instants, now_ns - axis.start_ns)
         next_ns, left = axis.twin.nominal.ahead(now_ns)
         to_go = max(left - 1 + (next_ns - now_ns) / max(axis.twin.nominal.period_ns, 1), 0.0) if left else 0.0
-        inside = 0 < made < len(instants) and gaps
-        rate = NS_PER_S / max(gaps[made - 1], 1) if inside else 0.0
+        rate = NS_PER_S / max(gaps[min(made, len(gaps)) - 1], 1) if made and gaps else 0.0
         return Off(leg.direction * (to_go - axis.planned_to_go(now_ns)), leg.direction * rate)
     leg = axis.next_leg()
     if leg is None or leg.instants_ns[0] + axis.start_ns > now_ns:
@@ -59,4 +58,4 @@ def step_axis_off(axis: StepAxis, now_ns: int) -> Off:
 
 def servo_off(lane: ServoLane, now_ns: int) -> Off:
     """Of a servo's command."""
-    return Off(lane.track.at(now_ns) - lane.commanded(now_ns), lane.track.rate(now_ns))
+    return Off(lane.off(now_ns), lane.track.rate(now_ns))

@@ -56,7 +56,7 @@ def test_the_estimate_is_near_what_the_simulator_shows(axes: int, baud: int, pro
     assert result.verdict is not None
     assert result.verdict.contour_steps is not None
     assert 0.5 < load.steps / result.verdict.contour_steps.max < 2
-    assert told == [load.words()]
+    assert told == [f"{load.words()} (--fit-bus)"]
     bad = result.verdict.contour_steps.max > 6.0
     assert result.verdict.ok is not bad
     assert result.verdict.warnings[:1] == ((load.words(),) if bad else ())
@@ -96,7 +96,7 @@ def test_a_measured_contour_within_its_limit_knows_better_than_an_estimate() -> 
     load, _, _ = estimated(STEEP, "adaptive", allowed=1.99)
     assert load is not None
     result, told = run(STEEP, "adaptive", allowed=1.99)
-    assert told == [load.words()]
+    assert told == [f"{load.words()} (--fit-bus)"]
     assert result.verdict is not None
     assert result.verdict.ok
     assert result.verdict.warnings == ()
@@ -179,7 +179,7 @@ def test_a_plan_is_fitted_unless_that_is_not_wanted_but_stop_here_points_only_wh
     plain, told = run(slow, "adaptive", fit_bus=False)
     assert plain.verdict is not None
     assert not plain.verdict.ok
-    assert told == [plain.verdict.warnings[0]]
+    assert told == [f"{plain.verdict.warnings[0]} (--fit-bus)"]
     _, told = run(STEEP, "stop-here", "servo", fit_bus=None)
     assert len(told) == 1
     assert told[0].startswith("bus main is too slow")

@@ -9,8 +9,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from stream_rig import ClosedForm, circle, line
 
+from nmc.budget import BusTiming
 from planner.motors import StepMotor
-from planner.steptrain import Leg, StepTrain
+from planner.steptrain import Leg, StepTrain, longest_gap_s
 
 MOTOR = StepMotor("X", "X", 0, 1, 200.0, 2)
 
@@ -83,3 +84,52 @@ def test_legs_do_not_depend_on_where_chunks_end(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("planner.steptrain.CHUNK_S", 0.037)
     chunked = legs(trajectory)
     assert [leg.times_ns.tolist() for leg in whole] == [leg.times_ns.tolist() for leg in chunked]
+
+
+@pytest.mark.parametrize(
+    ("baud", "mode", "together", "gap_ms"),
+    [
+        (115200, 2, 0, 12.0),
+        (115200, 8, 0, 11.8),  # nine tenths of 13.1 ms
+        (9600, 2, 0, 47.2),  # the same of 52.4
+        (57600, 2, 0, 21.8),  # nine loads of fourteen bytes
+        (115200, 2, 3, 12.0),
+        (115200, 2, 8, 29.2),  # three such loads for each of eight
+        (9600, 2, 3, 131.3),  # longer than the timer can wait: each of them is begun anew
+    ],
+)
+def test_a_gap_leaves_the_bus_to_others(baud: int, mode: int, together: int, gap_ms: float) -> None:
+    motor = StepMotor("X", "X", 0, 1, 200.0, mode)
+    assert longest_gap_s(motor, BusTiming.at(baud), together) * 1e3 == pytest.approx(gap_ms, abs=0.1)
+    assert longest_gap_s(motor) * 1e3 == pytest.approx(min(gap_ms, 12.0), abs=0.1)
+
+
+def test_what_is_overdue_becomes_one_leg() -> None:
+    train = StepTrain(line((0.5,), 0.25), MOTOR)  # a step every 20 ms: each is a leg
+    alone = train.peek()
+    assert alone is not None
+    assert len(alone) == 1
+    begin_ns = alone.instants_ns[0]
+    train.join(begin_ns)
+    assert train.peek() is alone
+    train.join(begin_ns + 70_000_000)
+    joined = train.pop()
+    assert len(joined) == 4
+    assert (joined.start_steps, joined.stop_steps) == (alone.start_steps, alone.start_steps + 4)
+    assert joined.gaps_ns == pytest.approx([20_000_000] * 3, abs=1000)
+    rest = train.peek()
+    assert rest is not None
+    assert rest.start_steps == joined.stop_steps
+    train.join(10**12)
+    assert len(train.pop()) == 96
+    assert train.peek() is None
+    train.join(10**12)
+
+
+def test_legs_that_turn_are_not_joined() -> None:
+    train = StepTrain(circle(0.05, 0.5), MOTOR)
+    train.join(10**12)
+    first = train.pop()
+    second = train.peek()
+    assert second is not None
+    assert second.direction == -first.direction

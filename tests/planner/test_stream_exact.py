@@ -65,6 +65,15 @@ def test_what_hesitates_and_hurries_costs_tempo_and_little_else(
     assert outcome.contour.sim_time_s == pytest.approx(path.duration_s, abs=0.02)
 
 
+def test_near_the_highest_rate_of_a_chip_slices_are_long_enough_to_keep_pace() -> None:
+    """12,000 steps a second of 14,205, and a pause in every slice."""
+    path = line((45.0, 24.0), 68.0)
+    outcome = stream(path, Conditions(0.2, seed=11), "exact")
+    good(outcome)
+    assert outcome.contour.lag_ms_max < 10.0
+    assert outcome.contour.sim_time_s == pytest.approx(path.duration_s, abs=0.02)
+
+
 def test_it_does_not_matter_when_a_count_acts() -> None:
     path = random_path(2, 20.0, duration_s=2.0)
     outcomes = [
