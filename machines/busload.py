@@ -28,11 +28,12 @@ from machines.schema import MachineConfig
 from machines.wiring import bus_timing, motors, nmc_buses, scale_of
 from nmc.budget import BusTiming
 from planner.motors import Motor, ServoMotor
+from planner.stream_exact import round_least_ns
 from planner.types import Trajectory
 
 F8 = npt.NDArray[np.float64]
 
-BYTES = {"group": 4, "adaptive": 4, "exact": 4, "stop-here": 5, "smooth": 9}
+BYTES = {"group": 4, "adaptive": 4, "exact": 8, "stop-here": 5, "smooth": 9}
 """Data bytes of a load."""
 MOVES_HZ = 1.0
 """An axis moves that is led at more steps or counts a second."""
@@ -56,7 +57,7 @@ class Habit:
 HABITS: Mapping[str, Habit] = {
     "adaptive": Habit(2.0, 1.0, 1.0),
     "group": Habit(2.0, 2.0, 1.0),
-    "exact": Habit(2.0, 0.25, 2.0),
+    "exact": Habit(1.0, 1.0, 2.0),
     "smooth": Habit(1.0, 1.0, 0.3),
     "stop-here": Habit(1.0, 0.6, 0.3, stands=True),
 }
@@ -64,13 +65,14 @@ HABITS: Mapping[str, Habit] = {
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A motor as its bus sees it. exchange_ns: of one load; column: of its axis in the plan."""
+    """A motor as its bus sees it. exchange_ns: of one load; least_ns: a turn takes; column: of its axis in the plan."""
 
     motor: Motor
     column: int
     scale: float
     exchange_ns: float
     habit: Habit
+    least_ns: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +170,14 @@ def _drives(config: MachineConfig, profile: str, simulated: bool, axes: tuple[st
         timing, here = bus_timing(config, motor.bus, simulated), streamed_as(config, motor.bus, chosen, simulated)
         own = here if isinstance(motor, ServoMotor) or here in ("group", "adaptive", "exact") else "adaptive"
         exchange_ns = float(timing.mean_exchange_ns(BYTES[own]))
-        found.append(Drive(motor, axes.index(motor.axis), scale_of(motor), exchange_ns, HABITS[own]))
+        least_ns = float(round_least_ns(timing)) if own == "exact" else 0.0
+        found.append(Drive(motor, axes.index(motor.axis), scale_of(motor), exchange_ns, HABITS[own], least_ns))
     return found
 
 
 def _turn_ns(drives: list[Drive], bus: int) -> float:
-    return sum(drive.exchange_ns for drive in drives if drive.motor.bus == bus)
+    here = [drive for drive in drives if drive.motor.bus == bus]
+    return max(sum(drive.exchange_ns for drive in here), *(drive.least_ns for drive in here))
 
 
 def _longest_s(drives: list[Drive]) -> float:
@@ -203,6 +207,7 @@ def _errors(q: F8, v: F8, drives: list[Drive], step_s: float) -> F8:
         turns_ns[bus] = turns_ns.get(bus, np.zeros(len(q))) + moves * drive.exchange_ns
     for drive in drives:
         turn_ns = turns_ns[drive.motor.bus]
+        turn_ns = np.where(turn_ns > 0, np.maximum(turn_ns, drive.least_ns), 0.0)
         half = np.maximum(np.round(turn_ns * drive.habit.turns / 2e9 / step_s), 1).astype(np.intp)
         counts = q[:, drive.column] * drive.scale
         error = np.where(several & (turn_ns > 0), _off(counts, half, drive.habit.stands), 0.0) * drive.habit.share
@@ -244,7 +249,7 @@ def _load(
         baud=table.baud,
         jitter_ms=timing.jitter_max_ns / 1e6,
         moving=len(here),
-        turn_ms=turns.get(bus, 0.0) / 1e6 * max((each.habit.turns for each in here), default=1.0),
+        turn_ms=max(turns.get(bus, 0.0), *(each.least_ns for each in here)) / 1e6 if here else 0.0,
         steps=worst + floor,
         share=max(limit - floor, 0.0) / worst if worst > 0 else 0.0,
         line=line,

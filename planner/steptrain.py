@@ -32,10 +32,11 @@ GAP_SHARE = 0.9
 GAP_MAX_S = 0.012
 """A gap longer than this, or than this share of the longest period, begins a new leg: slow steps are single moves
 timed exactly, for a count that meets a long period at the wrong side of its roll-over puts the axis that period off."""
-GAP_LOADS = 9.0
-"""On a bus of few baud a gap may be so many loads of a leg, or single moves would leave it to nothing else."""
-GAP_LOADS_TOGETHER = 3.0
-"""Where axes begin and stand together, so many loads of each: none may end a slice before the next is loaded."""
+GAP_LOADS, GAP_EXCHANGES = 9.0, 4.8
+"""On a bus of few baud, or with a host that hesitates, a gap may be so many loads of a leg on the wires, or exchanges
+with one: single moves would leave the bus to nothing else."""
+GAP_TOGETHER = 2.4
+"""Where axes begin and stand together, so many exchanges of each: none may end a slice before the next is loaded."""
 LEG_BYTES = 8
 """Data bytes of such a load (PIC-STEP data sheet, section 5.1)."""
 COARSE, REST_STEPS = 5, 0.1
@@ -99,10 +100,13 @@ def longest_gap_s(motor: StepMotor, timing: BusTiming | None = None, together: i
 
     together: how many axes begin their steps together, and wait for each other (profile ``exact``).
     """
-    load_s = 0.0 if timing is None else (timing.command_ns(LEG_BYTES) + timing.reply_ns(0)) / NS_PER_S
-    _, longest_ns = period_range_ns(motor.speed_mode)
-    gap_s = min(GAP_SHARE * longest_ns / NS_PER_S, max(GAP_MAX_S, GAP_LOADS * load_s))
-    return max(gap_s, together * GAP_LOADS_TOGETHER * load_s)
+    longest_s = GAP_SHARE * period_range_ns(motor.speed_mode)[1] / NS_PER_S
+    if timing is None:
+        return min(longest_s, GAP_MAX_S)
+    wires_s = (timing.command_ns(LEG_BYTES) + timing.reply_ns(0)) / NS_PER_S
+    exchange_s = timing.mean_exchange_ns(LEG_BYTES) / NS_PER_S
+    gap_s = min(longest_s, max(GAP_MAX_S, GAP_LOADS * wires_s, GAP_EXCHANGES * exchange_s))
+    return max(gap_s, together * GAP_TOGETHER * exchange_s)
 
 
 class Samples:

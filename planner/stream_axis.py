@@ -16,7 +16,7 @@ from nmc.budget import BusTiming, Window
 from nmc.twin import StepTimerTwin
 from planner.motors import StepMotor
 from planner.quantize import NS_PER_S, count_of_period, nearest_speed, period_of_count_ns, period_range_ns
-from planner.steptrain import SHORT_CHUNK_S, Leg, StepTrain, Train
+from planner.steptrain import SHORT_CHUNK_S, Leg, StepTrain, Train, longest_gap_s
 from planner.types import Trajectory
 
 LOAD_TRAJECTORY = 0x4
@@ -333,10 +333,14 @@ class StepAxis:
         self.leg = Leg(leg.direction, leg.start_steps, leg.stop_steps, times, instants, np.diff(times).tolist())
         self.halts = len(instants) < abs(leg.stop_steps - leg.start_steps)
 
-    def cut(self, trajectory: Trajectory, from_ns: int, steps: int) -> StepTrain:
-        """What is left of a trajectory from an instant of the plan on; the machine moves meanwhile."""
+    def cut(self, trajectory: Trajectory, from_ns: int, steps: int, together: int = 0) -> StepTrain:
+        """What is left of a trajectory from an instant of the plan on; the machine moves meanwhile.
+
+        together: as in ``longest_gap_s``. What was believed of the bus at the beginning counts at least.
+        """
+        gap_s = max(self.train.gap_s, longest_gap_s(self.motor, self.timing, together))
         from_s = from_ns / NS_PER_S
-        return StepTrain(trajectory, self.motor, from_s, steps, SHORT_CHUNK_S, alive=self.alive, gap_s=self.train.gap_s)
+        return StepTrain(trajectory, self.motor, from_s, steps, SHORT_CHUNK_S, alive=self.alive, gap_s=gap_s)
 
     def _overslept(self, ahead: Leg, now_ns: int) -> bool:
         """The period that runs (from the gap of a hold, perhaps) ends much later than the next step is wanted.

@@ -20,8 +20,11 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from nmc.budget import BusTiming
 from nmc.program import Evidence, Exchange
+from planner.quantize import NS_PER_S
 from planner.steptrain import LEG_BYTES
 from planner.stream_adaptive import IDLE_NS, AdaptiveSchedule
 from planner.stream_axis import LOAD_TRAJECTORY, Load, StepAxis
@@ -44,6 +47,9 @@ bend grows with the square of it."""
 LAG_NS = 10_000_000
 """Beyond this lag slices grow longer all the same."""
 LEAST_RUN = 0.05
+LONGEST_NS = 100_000_000
+BEND_STEPS = 1.0
+"""But no longer than their chords are this near: on a bend such an axis falls behind."""
 RATE_RESERVE = 1.05
 """Near its chip's highest rate an axis needs slices in which the pauses take so little that this is left."""
 END_SHARE = 0.08
@@ -61,6 +67,20 @@ class Piece:
     direction: int
     period_ns: int
     turns: bool
+
+
+def pause_ns(timing: BusTiming) -> int:
+    """How long the axes stand before the next Start is executed, three times in four or so.
+
+    Less would make slices late more often, more would make all of them faster.
+    """
+    unsure_ns = timing.reply_delay_max_ns + timing.jitter_max_ns
+    return timing.start_delay_max_ns + unsure_ns * 3 // 4 + MARGIN_NS
+
+
+def round_least_ns(timing: BusTiming) -> int:
+    """Time from Start to Start on such a bus, at least."""
+    return PAUSES * pause_ns(timing)
 
 
 class ExactSchedule(AdaptiveSchedule):
@@ -267,13 +287,7 @@ class ExactSchedule(AdaptiveSchedule):
         return axis.twin.surely_stopped_from_ns() + MARGIN_NS if axis.moving else 0
 
     def _pause_ns(self) -> int:
-        """How long the axes stand before the next Start is executed, three times in four or so.
-
-        Less would make slices late more often, more would make all of them faster.
-        """
-        timing = self.timing
-        unsure_ns = timing.reply_delay_max_ns + timing.jitter_max_ns
-        return timing.start_delay_max_ns + unsure_ns * 3 // 4 + MARGIN_NS
+        return pause_ns(self.timing)
 
     def _rate_round_ns(self, due_ns: int) -> int:
         """How long a slice from ``due_ns`` on must be so that an axis makes all its steps beside the pause in it."""
@@ -282,7 +296,19 @@ class ExactSchedule(AdaptiveSchedule):
             due = train.due(due_ns + LONG_NS)
             if len(due) > 2:
                 busiest = max(busiest, RATE_RESERVE * axis.period_min_ns * (len(due) - 1) / max(due[-1] - due[0], 1))
-        return int(self._pause_ns() / max(1.0 - busiest, LEAST_RUN))
+        round_ns = int(self._pause_ns() / max(1.0 - busiest, LEAST_RUN))
+        return round_ns if round_ns <= round_least_ns(self.timing) else min(round_ns, self._chord_ns(due_ns))
+
+    def _chord_ns(self, due_ns: int) -> int:
+        """How long a slice from ``due_ns`` on may be for its chord to be ``BEND_STEPS`` off the path: a t^2 / 8."""
+        trajectory = self.axes[0].trajectory
+        column = [trajectory.axes.index(axis.motor.axis) for axis in self.axes]
+        per_unit = np.array([axis.motor.steps_per_unit for axis in self.axes])
+        before, after = trajectory.v(np.array([due_ns, due_ns + LONG_NS]) / NS_PER_S)[:, column] * per_unit
+        change, way = after - before, after + before
+        across = change - way * (change @ way) / max(float(way @ way), 1e-9)
+        bend = float(np.linalg.norm(across)) / (LONG_NS / NS_PER_S)
+        return int((8 * BEND_STEPS / bend) ** 0.5 * NS_PER_S) if bend > 1e-3 else LONGEST_NS
 
     def _full_round_ns(self) -> int:
         """Time from Start to Start if every axis is loaded in between."""
@@ -290,7 +316,7 @@ class ExactSchedule(AdaptiveSchedule):
 
     def _round_ns(self, loading_ns: int) -> int:
         """Time from Start to Start, in the mean, with so much loading in between."""
-        return max(self.timing.mean_exchange_ns(0) + loading_ns, PAUSES * self._pause_ns())
+        return max(self.timing.mean_exchange_ns(0) + loading_ns, round_least_ns(self.timing))
 
     def _loading_ns(self, pieces: Sequence[Piece], exchange_ns: Callable[[int], int]) -> int:
         """How long it takes until the Start of these pieces may leave; ``exchange_ns``: of so many data bytes."""
@@ -313,10 +339,9 @@ class ExactSchedule(AdaptiveSchedule):
         self.trains = [self._recut(axis, self._new_times) for axis in self.axes]
         self._new_times = None
 
-    @staticmethod
-    def _recut(axis: StepAxis, trajectory: Trajectory) -> PieceTrain:
+    def _recut(self, axis: StepAxis, trajectory: Trajectory) -> PieceTrain:
         leg = axis.leg
         from_ns, steps = axis.stood() if leg is None else (leg.instants_ns[-1] + 1, leg.stop_steps)
-        train = PieceTrain(axis.cut(trajectory, from_ns, steps))
+        train = PieceTrain(axis.cut(trajectory, from_ns, steps, len(self.axes)))
         axis.train, axis.trajectory = train, trajectory
         return train
