@@ -46,6 +46,7 @@ def words_of_go(verdict: Verdict) -> str:
 def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
     """Name and value of each row; what is not known on this machine is left out."""
     rows = [("planned time", f"{verdict.plan_time_s:.3f} s")]
+    rows += [("", words) for words in verdict.bus_notes]
     if verdict.sim_time_s is not None:
         percent = 100 * (verdict.sim_time_s / verdict.plan_time_s - 1) if verdict.plan_time_s else 0.0
         rows.append(("simulated time", f"{verdict.sim_time_s:.3f} s ({percent:+.3f} %)"))

@@ -21,6 +21,10 @@ def cautions(verdict: Verdict, load: Load | None, allowed_steps: float) -> tuple
     known_good = contour is not None and contour.max <= allowed_steps
     if load is not None and not known_good:
         found.append(load.words())
+    if load is None and verdict.bus_notes and contour is not None and not known_good:
+        found.append(
+            "the bus could follow even less than was estimated: lower accelerations in the machine file would do"
+        )
     host = verdict.host
     strain = host.strain_steps if host is not None else None
     if contour is None and host is not None and strain is not None and strain > allowed_steps:

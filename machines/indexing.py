@@ -82,6 +82,7 @@ class IndexingSource:
         self._now_ns = start_ns
         self._counts: list[StreamCounts] = []
         self._present: StreamSource | None = None
+        self._jitter_max_ns: int | None = None
         self._run = self._exchanges(stages_of(trajectory))
 
     def next(self, now_ns: int, evidence: Evidence | None) -> Exchange | None:
@@ -91,6 +92,12 @@ class IndexingSource:
             return next(self._run) if evidence is None else self._run.send(evidence)
         except StopIteration:
             return None
+
+    def assume(self, jitter_max_ns: int) -> None:
+        """From now on the host is believed to need up to this long before the first byte of a packet leaves."""
+        self._jitter_max_ns = jitter_max_ns
+        if self._present is not None:
+            self._present.assume(jitter_max_ns)
 
     def progress(self) -> Progress:
         """Where the plan stands."""
@@ -132,6 +139,8 @@ class IndexingSource:
         begin_ns = self._begin_ns(stage, lead_in_ns, clock.now_ns())
         source = self._yard.make(Part(self.trajectory, stage.begin_s, stage.duration_s), begin_ns)
         self._present = source
+        if self._jitter_max_ns is not None:
+            source.assume(self._jitter_max_ns)
         exchange = source.next(clock.now_ns(), None)
         while exchange is not None:
             evidence = yield exchange

@@ -17,7 +17,7 @@ import numpy as np
 
 from machines.control import Control, RateStatus, Request
 from machines.governor import Advice, Governor
-from machines.ratecontrolled import RateControlled
+from machines.ratecontrolled import Assuming, Planned, RateControlled
 from machines.strain import Strain
 from nmc.program import Evidence
 from planner.errors import PlanError
@@ -78,6 +78,7 @@ class RateController:
         recall: Callable[[], None],
         strain: Strain | None = None,
     ) -> None:
+        self._whole = source
         self._source = source if isinstance(source, RateControlled) else None
         self._control = control
         self._governor = governor
@@ -124,7 +125,7 @@ class RateController:
         return replace(progress, duration_s=max(self._whole_s, progress.time_s))
 
     def _time_s(self, time_ns: int) -> float:
-        return (time_ns - self._source.plan_start_ns) / NS_PER_S if self._source is not None else 0.0
+        return (time_ns - self._whole.plan_start_ns) / NS_PER_S if isinstance(self._whole, Planned) else 0.0
 
     def _serve(self, request: Request, evidence: Evidence) -> None:
         if request.kind == "stop":
@@ -198,19 +199,18 @@ class RateController:
         """The host is slower than assumed, or quiet again."""
         jitter_ms = round(advice.jitter_max_ns / 1e6, 3)
         self._floor.expect(advice.jitter_max_ns)
-        words = {"jitter_ms": jitter_ms, "speed_percent": round(100 * advice.share)}
         try:
+            if isinstance(self._whole, Assuming):
+                self._whole.assume(advice.jitter_max_ns)
             if self._source is None and advice.share < 1.0:
                 raise ValueError("a program with index moves cannot be slowed")
-            if self._source is not None:
-                self._source.assume(advice.jitter_max_ns)
             self._host_share = advice.share
             if self._source is not None:
                 self._carry(self._source, evidence)
         except (ValueError, PlanError) as error:
             self.unheeded = str(error)
-            words["speed_percent"] = 100
-        self._floor.note("host_delays", evidence.replied_ns, line=evidence.exchange.line, **words)
+        line, percent = evidence.exchange.line, round(100 * self._rate.bus)
+        self._floor.note("host_delays", evidence.replied_ns, line=line, jitter_ms=jitter_ms, speed_percent=percent)
         self._tell(bus_percent=100 * self._rate.bus)
 
     def _look(self, strain: Strain, source: RateControlled, evidence: Evidence) -> None:

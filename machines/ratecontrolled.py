@@ -1,4 +1,4 @@
-"""What rate control asks of a stream, and at run time whether a stream has it: index moves beside it have not."""
+"""What rate control asks of a stream, and at run time whether a stream has it: not all, with index moves."""
 
 from __future__ import annotations
 
@@ -7,6 +7,21 @@ from typing import Protocol, runtime_checkable
 from planner.stream_strain import Off
 from planner.timing import Rate
 from planner.types import Trajectory
+
+
+@runtime_checkable
+class Planned(Protocol):
+    """A stream whose plan begins at a time."""
+
+    plan_start_ns: int
+
+
+@runtime_checkable
+class Assuming(Protocol):
+    """A stream that can be told what to assume of its host."""
+
+    def assume(self, jitter_max_ns: int) -> None:
+        """What the host may add before a packet."""
 
 
 @runtime_checkable

@@ -109,6 +109,7 @@ def perform(
     outcome: Outcome | None = None
     load: Load | None = None
     choice: Choice | None = None
+    bus_notes: tuple[str, ...] = ()
     fault = ""
     with Session(config, port=options.port, seed=options.seed, note=note) as session:
         session.watch = partial(_told, session, options)
@@ -121,7 +122,9 @@ def perform(
             job, plan = _from_here(session, job, plan, replan)
             choice = _choose(session, options)
             options = replace(options, profile=choice.profile)
-            plan, load = _overload(config, job, plan, options)
+            plan, load, bus_notes = _overload(config, job, plan, options)
+            for words in bus_notes:
+                session.note("planned_for_bus", session.now_ns, message=words)
             plan, outcome = _run_parts(session, plan, options, progress or _nothing, stop_requested or _never)
         except SessionError as error:
             fault = _with_places(str(error), error.positions, machine)
@@ -145,6 +148,7 @@ def perform(
         profiles=profiles,
         warnings=cautions(verdict, load, config.verify.contour_steps),
         profile_notes=choice.notes if choice else (),
+        bus_notes=bus_notes,
     )
     return RunResult(job, plan, outcome, verdict, trace, violations, records)
 
@@ -166,22 +170,29 @@ def _fits(config: MachineConfig, options: RunOptions) -> bool:
     return "stop-here" not in used.values()
 
 
-def _overload(config: MachineConfig, job: Job, plan: Plan, options: RunOptions) -> tuple[Plan, Load | None]:
-    """What the plan asks too much of a bus, told before anything moves; or a plan that does not."""
+def _overload(
+    config: MachineConfig, job: Job, plan: Plan, options: RunOptions
+) -> tuple[Plan, Load | None, tuple[str, ...]]:
+    """A plan that asks no more of a bus than it can do, as far as there is one, what it asks too much, and notes.
+
+    All of it is told before anything moves.
+    """
     simulated = is_simulated(config, options.port)
     try:
         load = overload(config, plan.trajectory, options.profile, simulated)
     except ValueError as error:
         raise SessionError(str(error)) from None
     fits = _fits(config, options)
+    notes: tuple[str, ...] = ()
     if load is not None and fits:
         fit = fitted(job, config, plan, load, options.profile, simulated)
         plan, load = fit.plan, fit.load
-        if options.tell is not None:
+        notes = (fit.words,) if fit.words else ()
+        if notes and options.tell is not None:
             options.tell(fit.words)
     if load is not None and options.warn is not None:
         options.warn(load.words() if fits else f"{load.words()} (--fit-bus)")
-    return plan, load
+    return plan, load, notes
 
 
 def _run_parts(

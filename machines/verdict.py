@@ -106,6 +106,8 @@ class Verdict:
     """How each bus was fed, by its name."""
     profile_notes: tuple[str, ...] = ()
     """Why these, where that is not plain."""
+    bus_notes: tuple[str, ...] = ()
+    """What was changed in the plan for a bus that is too slow for it."""
     warnings: tuple[str, ...] = ()
     """What is no reason against the run, but should be known."""
     shafts: ShaftUse | None = None
@@ -119,6 +121,7 @@ class Verdict:
         data["axes"] = list(self.axes)
         data["reasons"] = list(self.reasons)
         data["profile_notes"] = list(self.profile_notes)
+        data["bus_notes"] = list(self.bus_notes)
         data["warnings"] = list(self.warnings)
         if self.motor_contour_um is None:
             del data["motor_contour_um"]  # steppers have no shaft of their own

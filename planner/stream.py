@@ -25,7 +25,7 @@ from planner.stream_group import GroupSchedule
 from planner.stream_hold import Retimed
 from planner.stream_pieces import PieceTrain
 from planner.stream_servo import LOCK_EXCHANGES, STOP_HERE_BYTES, Pace, SmoothLane, StopHereLane
-from planner.stream_strain import Off, servo_off, step_axis_off
+from planner.stream_strain import Off, servo_off, step_axes_off
 from planner.timing import Rate
 from planner.types import Trajectory, nobody_asks
 
@@ -136,7 +136,7 @@ class StreamSource:
     def offs(self) -> list[Off]:
         """How far behind its plan each motor of this bus is believed to be."""
         stream, now_ns = self._stream, self._now_ns
-        found = [step_axis_off(axis, now_ns) for axis in stream.axes]
+        found = step_axes_off(stream.axes, self.trajectory, self.plan_start_ns, now_ns)
         if isinstance(stream, AdaptiveSchedule):
             found += [servo_off(lane, now_ns) for lane in stream.servos]
         return found

@@ -230,7 +230,7 @@ class StepAxis:
         end_ns = execute_ns + horizon_ns
         period_ns = max(self._aim_from(next_ns, left, end_ns), 1)
         target_ns = max(end_ns, next_ns + min(timer.period_ns, period_ns))
-        wanted = self.planned_to_go(target_ns)
+        wanted = self._planned_to_go(target_ns)
         most = mends(execute_ns, 2 * unsure_ns, target_ns, wanted, period_ns)
         apart_ns = abs(timer.period_ns - period_ns)
         if self.halts or apart_ns < BETTER_STEPS * min(timer.period_ns, period_ns):
@@ -248,7 +248,7 @@ class StepAxis:
                     most, period_ns = value, tried_ns
         return period_ns, most
 
-    def planned_to_go(self, at_ns: int) -> float:
+    def _planned_to_go(self, at_ns: int) -> float:
         """Steps to the stop position that the plan has left, with the part of the gap that is not over."""
         leg = self.leg
         assert leg is not None

@@ -12,13 +12,17 @@ alone; what is left across it is the strain.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from planner.quantize import NS_PER_S
 from planner.stream_axis import StepAxis
 from planner.stream_servo import ServoLane
+from planner.types import Trajectory
+
+HALF_STEP = 0.5
 
 
 class Off(NamedTuple):
@@ -38,22 +42,36 @@ def strain_steps(offs: Iterable[Off]) -> float:
     return math.sqrt(max(square - along * along / rates, 0.0)) if rates else 0.0
 
 
-def step_axis_off(axis: StepAxis, now_ns: int) -> Off:
-    """Of a stepper; one that rests is behind by what is overdue."""
-    leg = axis.leg
-    if leg is not None:
-        instants, gaps = leg.instants_ns, leg.gaps_ns
-        made = bisect_left(instants, now_ns - axis.start_ns)
-        next_ns, left = axis.twin.nominal.ahead(now_ns)
-        to_go = max(left - 1 + (next_ns - now_ns) / max(axis.twin.nominal.period_ns, 1), 0.0) if left else 0.0
-        rate = NS_PER_S / max(gaps[min(made, len(gaps)) - 1], 1) if made and gaps else 0.0
-        return Off(leg.direction * (to_go - axis.planned_to_go(now_ns)), leg.direction * rate)
-    leg = axis.next_leg()
-    if leg is None or leg.instants_ns[0] + axis.start_ns > now_ns:
-        return Off(0.0, 0.0)
-    missed = bisect_left(leg.instants_ns, now_ns - axis.start_ns)
-    rate = NS_PER_S / max(leg.gaps_ns[min(missed, len(leg.gaps_ns)) - 1], 1) if leg.gaps_ns else 0.0
-    return Off(float(leg.direction * missed), leg.direction * rate)
+def step_axis_at(axis: StepAxis, now_ns: int) -> tuple[float, float]:
+    """Where the nominal chip is, in steps, and how far from there its plan may be without any step being due.
+
+    A step is made where the plan is half a step before it: between two of them a chip in motion is half a step behind
+    the straight line through its counter.
+    """
+    leg, timer = axis.leg, axis.twin.nominal
+    if leg is None:
+        return float(axis.position_steps), HALF_STEP
+    next_ns, left = timer.ahead(now_ns)
+    if not left:
+        return float(leg.stop_steps), HALF_STEP
+    to_go = left - 1 + (next_ns - now_ns) / max(timer.period_ns, 1)
+    length = abs(leg.stop_steps - leg.start_steps)
+    return leg.stop_steps - leg.direction * (min(to_go, length) + HALF_STEP), 0.0
+
+
+def step_axes_off(axes: Sequence[StepAxis], trajectory: Trajectory, start_ns: int, now_ns: int) -> list[Off]:
+    """Of steppers; start_ns: link time of t = 0."""
+    if not axes:
+        return []
+    time_s = np.array([(now_ns - start_ns) / NS_PER_S])
+    planned, rates = trajectory.q(time_s)[0], trajectory.v(time_s)[0]
+    found = []
+    for axis in axes:
+        column, per_unit = trajectory.axes.index(axis.motor.axis), axis.motor.steps_per_unit
+        at, slack = step_axis_at(axis, now_ns)
+        off = float(planned[column]) * per_unit - at
+        found.append(Off(math.copysign(max(abs(off) - slack, 0.0), off), float(rates[column]) * per_unit))
+    return found
 
 
 def servo_off(lane: ServoLane, now_ns: int) -> Off:

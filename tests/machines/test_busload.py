@@ -8,6 +8,7 @@ from benchmarks.busload import Case, machine, program
 from gcode.setup import Setup
 from machines.busload import Load, overload, possible_overload
 from machines.cautions import cautions
+from machines.control import Script
 from machines.job import plan_job, read_job
 from machines.load import MachineFile, load_machine, shipped_machines
 from machines.runner import RunOptions, RunResult, perform
@@ -189,5 +190,21 @@ def test_a_limit_below_what_steps_are_off_keeps_the_plan_and_the_warning() -> No
     load, _, plan = estimated(STEEP, "adaptive", allowed=0.9)
     assert load is not None
     result, told = run(STEEP, "adaptive", allowed=0.9, fit_bus=True)
-    assert told == ["no lower accelerations or speeds make up for the bus: planned as before", load.words()]
+    assert told == [load.words()]
     assert result.plan.trajectory.duration_s >= plan.trajectory.duration_s
+
+
+def test_a_hold_on_a_fitted_plan_keeps_to_the_path_as_well() -> None:
+    case = Case(3, 9600, 500, 1200)
+    described = machine(case, "step")
+    text = "G21 G90 G64 P0.05 F1200\nG1 X40 Y30 Z20\nG1 X45 Y10 Z12\nM2\n"
+    job = read_job(text, Setup(file="p.nc"), described.config)
+    control = Script([(3.0, "hold"), (7.0, "resume")])
+    options = RunOptions(port="sim", profile="adaptive", control=control)
+    result = perform(job, plan_job(job, described.config), described, options)
+    assert result.verdict is not None, result.fault
+    assert result.verdict.bus_notes
+    [hold] = result.verdict.holds
+    assert hold.measured_s is not None
+    assert hold.announced_s < hold.measured_s < hold.announced_s + 0.5
+    assert result.verdict.ok, result.verdict.reasons

@@ -270,3 +270,31 @@ def test_a_host_as_assumed_is_never_found_slow(profile: str) -> None:
     assert (verdict.host.late_exchanges, verdict.host.least_speed_percent) == (0, 100.0)
     assert verdict.contour_steps is not None
     assert verdict.contour_steps.max <= 6
+
+
+INDEXED = "G21 G90 G64 P0.02\nG1 F900 X8 Y5 Z2\nG0 A90\nG1 X2 Y9 Z4\nG1 X6 Y1 Z0\nG0 A0\nM2\n"
+
+
+def indexed(real_ms: float, control: Script | None = None) -> tuple[RunResult, Journal]:
+    machine = slow_host(0.2, real_ms, "mill3-indexer")
+    job = read_job(INDEXED, Setup(file="i.nc"), machine.config)
+    journal = Journal()
+    result = perform(job, plan_job(job, machine.config), machine, RunOptions(seed=3, control=control), note=journal)
+    return result, journal
+
+
+@pytest.mark.parametrize("real_ms", [2.0, 5.0])
+def test_a_program_with_index_moves_cannot_be_slowed_but_knows_its_host(real_ms: float) -> None:
+    result, journal = indexed(real_ms)
+    assert result.fault == ""
+    assert result.verdict is not None
+    assert set(result.verdict.end_error_steps.values()) == {0}
+    assert "cannot be slowed" in " ".join(result.verdict.reasons)
+    assert {said["speed_percent"] for _, said in journal.of("host_delays")} == {100}
+
+
+def test_a_program_with_index_moves_refuses_a_hold_and_says_so() -> None:
+    _, journal = indexed(0.2, Script([(0.2, "hold"), (0.3, "resume"), (0.4, "feed 50")]))
+    assert [said["message"] for _, said in journal.of("refused")] == [
+        "a program with index moves cannot be held or overridden, only stopped"
+    ] * 3

@@ -96,7 +96,7 @@ def test_without_slowing_the_axes_are_looked_at_all_the_same() -> None:
 
 def run(monkeypatch: pytest.MonkeyPatch, chips: str, profile: str, fit_bus: bool | None) -> RunResult:
     """Of a plan that nobody has fitted to its bus."""
-    monkeypatch.setattr(runner, "_overload", lambda _config, _job, plan, _options: (plan, None))
+    monkeypatch.setattr(runner, "_overload", lambda _config, _job, plan, _options: (plan, None, ()))
     described = machine(SLOW, chips)
     job = read_job(program(SLOW, 1), Setup(file="p.nc"), described.config)
     options = RunOptions(port="sim", seed=1, profile=profile, fit_bus=fit_bus)

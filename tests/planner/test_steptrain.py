@@ -87,20 +87,22 @@ def test_legs_do_not_depend_on_where_chunks_end(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(
-    ("baud", "mode", "together", "gap_ms"),
+    ("baud", "jitter_ms", "mode", "together", "gap_ms"),
     [
-        (115200, 2, 0, 12.0),
-        (115200, 8, 0, 11.8),  # nine tenths of 13.1 ms
-        (9600, 2, 0, 47.2),  # the same of 52.4
-        (57600, 2, 0, 21.8),  # nine loads of fourteen bytes
-        (115200, 2, 3, 12.0),
-        (115200, 2, 8, 29.2),  # three such loads for each of eight
-        (9600, 2, 3, 131.3),  # longer than the timer can wait: each of them is begun anew
+        (115200, 0, 2, 0, 12.0),
+        (115200, 2, 2, 0, 12.0),
+        (115200, 5, 2, 0, 19.0),  # 4.8 exchanges of 1.2 ms, and 2.75 on average
+        (115200, 0, 8, 0, 11.8),  # nine tenths of 13.1 ms
+        (9600, 0, 2, 0, 47.2),  # the same of 52.4
+        (57600, 0, 2, 0, 21.8),  # nine loads of fourteen bytes
+        (115200, 0, 2, 3, 12.0),
+        (115200, 0, 2, 8, 28.1),  # 2.4 exchanges for each of eight
+        (9600, 0, 2, 3, 106.8),  # longer than the timer can wait: each of them is begun anew
     ],
 )
-def test_a_gap_leaves_the_bus_to_others(baud: int, mode: int, together: int, gap_ms: float) -> None:
-    motor = StepMotor("X", "X", 0, 1, 200.0, mode)
-    assert longest_gap_s(motor, BusTiming.at(baud), together) * 1e3 == pytest.approx(gap_ms, abs=0.1)
+def test_a_gap_leaves_the_bus_to_others(baud: int, jitter_ms: int, mode: int, together: int, gap_ms: float) -> None:
+    motor, timing = StepMotor("X", "X", 0, 1, 200.0, mode), BusTiming.at(baud, jitter_max_ns=jitter_ms * 1_000_000)
+    assert longest_gap_s(motor, timing, together) * 1e3 == pytest.approx(gap_ms, abs=0.1)
     assert longest_gap_s(motor) * 1e3 == pytest.approx(min(gap_ms, 12.0), abs=0.1)
 
 

@@ -40,7 +40,7 @@ def period_of(data: bytes) -> int:
 def mended(axis: StepAxis, execute_ns: int, period_ns: int) -> float:
     next_ns, _ = axis.twin.nominal.ahead(execute_ns)
     target_ns = max(execute_ns + HORIZON_NS, next_ns + min(PERIOD_NS, period_ns))
-    wanted = axis.planned_to_go(target_ns)
+    wanted = axis._planned_to_go(target_ns)
     return axis.twin.belief.mends_steps(execute_ns, 2 * UNSURE_NS, target_ns, wanted, period_ns)
 
 
