@@ -91,7 +91,8 @@ def verify(
 ) -> RunResult:
     """Run a program on the machine's twin: its verdict, trace and violations. Raises as :func:`plan`.
 
-    ``fit_bus``: slow down where a bus cannot follow, or not; None: so, but for Stop Here points.
+    ``fit_bus``: lower accelerations or speeds, and slow down, where a bus cannot follow, or not; None: yes, except for
+    profile ``stop-here``.
     ``control``: holds, resumes and overrides it, such as ``Script([(0.5, "hold"), (1.0, "resume"), (2.0, "feed 50")])``
     of ``machines.control``.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -34,7 +35,8 @@ def move_by_hand(text: str, what: str, machine: str, port: str | None) -> None:
 
     job, plan = from_place(ORIGIN)
     with StopFlag() as stop:
-        result = perform(job, plan, described, RunOptions(port=port), stop_requested=stop, replan=from_place)
+        options = RunOptions(port=port, warn=partial(_say, "warning"), tell=partial(_say, "note"))
+        result = perform(job, plan, described, options, stop_requested=stop, replan=from_place)
     if result.verdict is None or result.outcome is None:
         raise VerbError(result.fault, EXIT_FAULT)
     end = result.plan.trajectory.q(_end(result.plan))[0]
@@ -48,3 +50,7 @@ def _end(plan: Plan) -> F8:
     import numpy as np
 
     return np.array([plan.trajectory.duration_s])
+
+
+def _say(kind: str, words: str) -> None:
+    click.echo(f"{kind}: {words}", err=True)

@@ -65,7 +65,8 @@ def stream_options(function: F) -> F:
     function = click.option(
         "--fit-bus/--no-fit-bus",
         default=None,
-        help="Slow down where a bus cannot follow the plan, or not. With neither: yes, except for profile stop-here.",
+        help="Lower accelerations (stop-here: speeds), and slow down, where a bus cannot follow the plan, or not. "
+        "With neither: yes, except for profile stop-here.",
     )(function)
     function = click.option(
         "--profile", type=click.Choice(PROFILES), default="auto", show_default=True, help="How the chips are fed."

@@ -107,7 +107,7 @@ def rate_words(status: RateStatus) -> str:
     if status.rapid_percent != 100:
         found.append(f"rapids {status.rapid_percent:.0f} %")
     if status.bus_percent < 100:
-        found.append(f"slowed to {status.bus_percent:.0f} % for the host")
+        found.append(f"slowed to {status.bus_percent:.0f} % for host or bus")
     if status.refused:
         found.append(f"refused: {status.refused}")
     return "  ".join(found)

@@ -10,9 +10,9 @@ its plan and from the time between two of its loads, its *turn*. A bus with many
       +--|-------|---- t
           a turn
 
-A turn is taken as one exchange of each axis of the bus that moves just then. How many such turns a load really has to
-serve, and what is left on a bus that has time, was measured: ``benchmarks/busload.py`` prints estimate and simulation
-side by side.
+A turn is taken as one exchange of each axis of the bus that moves just then; of ``exact``, one slice at least. How many
+such turns a load really has to serve, and what is left on a bus that has time, was measured: ``benchmarks/busload.py``
+prints estimate and simulation side by side.
 """
 
 from __future__ import annotations
@@ -65,7 +65,10 @@ HABITS: Mapping[str, Habit] = {
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A motor as its bus sees it. exchange_ns: of one load; least_ns: a turn takes; column: of its axis in the plan."""
+    """A motor as its bus sees it.
+
+    column: of its axis in the plan. exchange_ns: of one load; least_ns: what a turn takes at least.
+    """
 
     motor: Motor
     column: int
@@ -90,7 +93,7 @@ class Load:
     turn_ms: float
     steps: float
     share: float
-    """What is left of the error may be this share of what it is, to be within the limit; 0 without one."""
+    """So much of the accelerations (Stop Here points: of the speeds) would be within the limit; 0: none would."""
     line: int = 0
     limit_steps: float = 0.0
 
@@ -104,7 +107,8 @@ class Load:
         if self.share > 0:
             linear = HABITS[self.profile].stands
             most = int(self.moving * (self.share if linear else self.share**0.5))
-            cure = f"at most {most} axes on this bus, " if most > 1 else cure
+            if most > 1:
+                cure = cure.replace("fewer axes on this bus (a second one)", f"at most {most} axes on this bus")
             what = "speeds" if linear else "accelerations"
             cure += f"or {what} of at most {max(int(100 * self.share), 1)} % of these"
         else:

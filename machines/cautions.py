@@ -1,4 +1,4 @@
-"""What a verdict warns of: a bus that is too slow for its plan, and slices that began late."""
+"""What a verdict warns of: a bus too slow for its plan or for the one made for it, axes off the path, late slices."""
 
 from __future__ import annotations
 

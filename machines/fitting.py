@@ -13,7 +13,7 @@ from planner.timing import Solver
 
 TRIES = 10
 AIM = 0.7
-"""Share of the limit that is aimed at: an estimate may be too low by a third."""
+"""Share of the limit that is aimed at: an estimate may be too low."""
 MARGIN = 0.97
 """A little less than what would just do: a slower plan has its worst moment elsewhere."""
 LEAST = 0.002
@@ -66,7 +66,7 @@ def _solver(plan: Plan) -> Solver:
 
 
 def slower(config: MachineConfig, share: float, *, speeds: bool) -> MachineConfig:
-    """The machine with this share of the accelerations, or velocities, of the axes that are streamed."""
+    """The machine with this share of accelerations and pull-in jumps, or of velocities, of what is streamed."""
     keys = ("max_velocity",) if speeds else ("max_acceleration", "pull_in_velocity")
     axes = dict(config.axis)
     for name, axis in axes.items():

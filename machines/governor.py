@@ -7,7 +7,7 @@ all; the third largest slows the motion, so that one or two hiccups do not and a
 
     excess   :  .  . |.  .    .|. ||.|  .  .  .    .   .   .   .
     assumed  --------+ raised at once                            +--- lowered after a calm time
-    rate     --------+ lowered at once, by the root of it        +--- raised
+    rate     --------+ lowered, by the root of it, every 0.4 s   +--- raised
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STEP_NS = 250_000
 EXCESS_MAX_NS = 30_000_000
 CALM_NS = 2_000_000_000
 SLOW_EVERY_NS = 400_000_000
-"""The speed is lowered no more often than this: each time the path is timed anew, which itself makes the host late."""
+"""The speed is changed no more often than this: each time the path is timed anew, which itself makes the host late."""
 OWN_DOING = 4
 """Exchanges after a change of speed that say nothing of the host."""
 LATE_NS = 500_000

@@ -60,9 +60,11 @@ class RunOptions:
     """Told in words, before anything moves, what the plan asks of a bus that cannot follow."""
     fit_bus: bool | None = None
     """Plan with lower accelerations or speeds where a bus cannot follow; slow down where that shows only later. None:
-    so, but for Stop Here points, which are behind by half of what an axis goes between two of them at any speed."""
+    so, unless a bus is led by Stop Here points: they are off by half of what an axis goes between two of them, in
+    proportion to speed."""
     tell: Callable[[str], None] | None = None
-    """Told in words, before anything moves, which profile was chosen and why, where that is not plain."""
+    """Told in words, before anything moves, which profile was chosen and why, where that is not plain, and what was
+    changed in the plan for a bus that is too slow."""
 
 
 Replan = Callable[[Position], tuple[Job, Plan]]
@@ -74,7 +76,8 @@ class RunResult:
     """Everything a run leaves behind. ``trace``: of the twin; ``records``: bytes of real ports as text by bus.
 
     ``verdict`` is None after a stop or a fault; ``fault`` then says what happened. ``job`` and ``plan`` are those that
-    ran: from where the machine really stood, and after holds and overrides with the times that held.
+    ran: from where the machine really stood, slowed for a bus that cannot follow, and after holds and overrides with
+    the times that held.
     """
 
     job: Job
@@ -173,7 +176,7 @@ def _fits(config: MachineConfig, options: RunOptions) -> bool:
 def _overload(
     config: MachineConfig, job: Job, plan: Plan, options: RunOptions
 ) -> tuple[Plan, Load | None, tuple[str, ...]]:
-    """A plan that asks no more of a bus than it can do, as far as there is one, what it asks too much, and notes.
+    """The plan to run, made slower where a bus cannot follow; what is still too much for it, if anything; and notes.
 
     All of it is told before anything moves.
     """

@@ -1,4 +1,4 @@
-"""Time stretched for a bus: speeds times ``bus``, accelerations times its square, as if the clock went slower.
+"""Time stretched for host or bus: speeds times ``bus``, accelerations times its square, as if the clock went slower.
 
 What an axis misses between two loads is its acceleration times the square of the time between them (a chord, a
 t^2 / 8); less feed alone would leave the accelerations of corners and reversals as they are.

@@ -46,12 +46,14 @@ LONG_NS = 8_000_000
 bend grows with the square of it."""
 LAG_NS = 10_000_000
 """Beyond this lag slices grow longer all the same."""
-LEAST_RUN = 0.05
-LONGEST_NS = 100_000_000
-BEND_STEPS = 1.0
-"""But no longer than their chords are this near: on a bend such an axis falls behind."""
 RATE_RESERVE = 1.05
-"""Near its chip's highest rate an axis needs slices in which the pauses take so little that this is left."""
+"""Near its chip's highest rate an axis needs longer slices, in which the pauses take so little that this is left."""
+LEAST_RUN = 0.05
+"""Share of such a slice, at least, in which it runs."""
+BEND_STEPS = 1.0
+"""Such a slice is no longer than lets its chord be this far off the path; on a bend such an axis falls behind."""
+LONGEST_NS = 100_000_000
+"""What stands for that length where the path does not bend."""
 END_SHARE = 0.08
 """A slice may end this share of it sooner or later."""
 GAP_SLICES = 2

@@ -33,7 +33,7 @@ TRIM_STEPS = 0.2
 
 
 class GroupSchedule(StepSchedule):
-    """One group Start a slice. A hold or an override goes on ``adaptive``, which takes the same for granted."""
+    """One group Start a slice. Holds, overrides and slowing go on ``adaptive``, which takes the same for granted."""
 
     successor: AdaptiveSchedule | None = None
 
