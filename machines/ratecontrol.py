@@ -79,6 +79,7 @@ class RateController:
         strain: Strain | None = None,
     ) -> None:
         self._whole = source
+        self._begins_ns = source.plan_start_ns if isinstance(source, Planned) else 0
         self._source = source if isinstance(source, RateControlled) else None
         self._control = control
         self._governor = governor
@@ -125,7 +126,7 @@ class RateController:
         return replace(progress, duration_s=max(self._whole_s, progress.time_s))
 
     def _time_s(self, time_ns: int) -> float:
-        return (time_ns - self._whole.plan_start_ns) / NS_PER_S if isinstance(self._whole, Planned) else 0.0
+        return (time_ns - self._begins_ns) / NS_PER_S
 
     def _serve(self, request: Request, evidence: Evidence) -> None:
         if request.kind == "stop":

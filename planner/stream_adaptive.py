@@ -207,19 +207,24 @@ class AdaptiveSchedule(StepSchedule):
     def _next_appointment(self, turn: Turn) -> tuple[int, Lane] | None:
         """The appointment that comes first; of several that are long overdue the one that loses most by waiting."""
         first: tuple[int, Lane] | None = None
-        missed: list[tuple[int, Lane]] = []
-        overdue_ns = self.now_ns - OVERDUE * self.soon_ns
+        overdue, overdue_ns = 0, self.now_ns - OVERDUE * self.soon_ns
         for lane in self.lanes:
             at_ns = lane.appointment_ns(turn.horizon_ns)
             if at_ns is None:
                 continue
+            overdue += at_ns < overdue_ns
             if first is None or at_ns < first[0]:
                 first = at_ns, lane
-            if at_ns < overdue_ns:
-                missed.append((at_ns, lane))
-        if len(missed) < 2:
-            return first
+        return first if overdue < 2 else self._dearest(overdue_ns, turn)
+
+    def _dearest(self, overdue_ns: int, turn: Turn) -> tuple[int, Lane]:
+        """Of the appointments before ``overdue_ns``, of which there are some, the one that loses most by waiting."""
         next_ns = self.now_ns + self.exchange_ns
+        missed = [
+            (at_ns, lane)
+            for lane in self.lanes
+            if (at_ns := lane.appointment_ns(turn.horizon_ns)) is not None and at_ns < overdue_ns
+        ]
         return max(missed, key=lambda each: each[1].delay_um(next_ns - each[0], turn))
 
     def _most_urgent(self, turn: Turn) -> tuple[Lane | None, float]:

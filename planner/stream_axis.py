@@ -90,7 +90,8 @@ class StepAxis:
         """Close the leg if even the slowest chip has made its last step; of legs to come, what is overdue is one."""
         if self.leg is not None and self.twin.surely_stopped_from_ns() < now_ns:
             self.close(now_ns)
-        self.train.join(now_ns - self.start_ns)
+        if self.leg is None:
+            self.train.join(now_ns - self.start_ns)
 
     def close(self, now_ns: int) -> None:
         """The leg is over: the slowest chip has arrived, or the moving bit has been seen clear.

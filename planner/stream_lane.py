@@ -107,6 +107,8 @@ class StepLane(Lane):
         self.timing: BusTiming = schedule.timing
         self.address = axis.motor.address
         self.step_um = 1000.0 / abs(axis.motor.steps_per_unit)
+        wires_ns = self.timing.command_ns(0) + self.timing.reply_ns(0)
+        self.ask_again_ns = max(ASK_AGAIN_NS, ASK_AGAIN_EXCHANGES * wires_ns)
 
     @property
     def moving(self) -> bool:
@@ -160,8 +162,7 @@ class StepLane(Lane):
         axis = self.axis
         likely_ns = axis.twin.nominal.arrival_ns() + round(ASK_DEVIATIONS * axis.twin.belief.arrival_deviation_ns())
         ask_ns = max(wanted_ns - self.timing.mean_exchange_ns(0), likely_ns - self.timing.command_ns(0))
-        wires_ns = self.timing.command_ns(0) + self.timing.reply_ns(0)
-        return max(ask_ns, axis.asked_ns + max(ASK_AGAIN_NS, ASK_AGAIN_EXCHANGES * wires_ns))
+        return max(ask_ns, axis.asked_ns + self.ask_again_ns)
 
     def _last_count_ns(self) -> int | None:
         """An axis that would arrive early must be slowed while even its fastest twin has steps to go."""
