@@ -22,14 +22,13 @@ LEAST = 0.002
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A plan for a slow bus. load: what is left of it; share: of accelerations or speeds; words: what was done.
+    """A plan for a slow bus. load: what is left to be told of it; words: what was done.
 
     words are empty where nothing slower could be planned.
     """
 
     plan: Plan
     load: Load | None
-    share: float
     words: str
 
 
@@ -42,7 +41,7 @@ def fitted(job: Job, config: MachineConfig, plan: Plan, load: Load, profile: str
     share, found = 1.0, plan
     aim = AIM
     left = overload(config, plan.trajectory, profile, simulated, aim)
-    if left is not None and left.share <= 0:  # what is there of standing alone is more than that
+    if left is not None and left.share <= 0:  # the floor, which no slowness lowers, is already more than that
         aim, left = 1.0, load
     for _ in range(TRIES):
         wanted = share if left is None else max(share * min(left.share, 1.0) * MARGIN, LEAST)
@@ -54,11 +53,11 @@ def fitted(job: Job, config: MachineConfig, plan: Plan, load: Load, profile: str
             break
         share, left = wanted, overload(config, found.trajectory, profile, simulated, aim)
     if share == 1.0:
-        return Fitted(plan, load, 1.0, "")
+        return Fitted(plan, load, "")
     what = "speeds" if speeds else "accelerations"
     times = f"{found.trajectory.duration_s:.1f} s instead of {plan.trajectory.duration_s:.1f} s"
     words = f"planned with {what} of {100 * share:.2g} % for the bus: {times}"
-    return Fitted(found, overload(config, found.trajectory, profile, simulated), share, words)
+    return Fitted(found, overload(config, found.trajectory, profile, simulated), words)
 
 
 def _solver(plan: Plan) -> Solver:

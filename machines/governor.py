@@ -111,7 +111,6 @@ class Governor:
         self.timing = timing
         self.delays = HostDelays()
         self.share = 1.0
-        self.least_share = 1.0
         self._recent: deque[int] = deque()
         self._sorted: list[int] = []
         self._trust, self._slow = Level(), Level()
@@ -145,7 +144,6 @@ class Governor:
         due = now_ns - self._changed_ns >= SLOW_EVERY_NS
         if share != self.share and due:
             self.share = share
-            self.least_share = min(self.least_share, share)
             self._changed_ns, self._ignore = now_ns, OWN_DOING
         elif not assumed:
             return None

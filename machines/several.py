@@ -84,7 +84,6 @@ class BusGovernors(Governor):
         if governor is None or governor.observe(evidence) is None:
             return None
         self.share = min(each.share for each in self._each.values())
-        self.least_share = min(self.least_share, self.share)
         jitter_ns = max(each.timing.jitter_max_ns + each.excess_ns for each in self._each.values())
         return Advice(jitter_ns, self.share)
 

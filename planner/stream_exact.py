@@ -208,7 +208,7 @@ class ExactSchedule(AdaptiveSchedule):
         pieces: list[Piece] = []
         for turn in range(3):  # how long loading takes hangs on the pieces, and they on how long it takes: to and fro
             begin_ns = max(wanted_ns, self.now_ns + loading_ns) + lead_ns
-            run_ns = round_ns - self._pause_ns()
+            run_ns = round_ns - pause_ns(self.timing)
             longest_ns = max(LONG_NS, full_ns * 21 // 20) + max(begin_ns - from_ns - LAG_NS, 0) // 2
             until_ns = min(begin_ns + round_ns, from_ns + int(FASTER * run_ns), from_ns + longest_ns)
             part = Slice(from_ns, until_ns, run_ns)
@@ -288,9 +288,6 @@ class ExactSchedule(AdaptiveSchedule):
         """From when on even the slowest chip stands; 0 of an axis at rest."""
         return axis.twin.surely_stopped_from_ns() + MARGIN_NS if axis.moving else 0
 
-    def _pause_ns(self) -> int:
-        return pause_ns(self.timing)
-
     def _rate_round_ns(self, due_ns: int) -> int:
         """How long a slice from ``due_ns`` on must be so that an axis makes all its steps beside the pause in it."""
         busiest = 0.0
@@ -298,7 +295,7 @@ class ExactSchedule(AdaptiveSchedule):
             due = train.due(due_ns + LONG_NS)
             if len(due) > 2:
                 busiest = max(busiest, RATE_RESERVE * axis.period_min_ns * (len(due) - 1) / max(due[-1] - due[0], 1))
-        round_ns = int(self._pause_ns() / max(1.0 - busiest, LEAST_RUN))
+        round_ns = int(pause_ns(self.timing) / max(1.0 - busiest, LEAST_RUN))
         return round_ns if round_ns <= round_least_ns(self.timing) else min(round_ns, self._chord_ns(due_ns))
 
     def _chord_ns(self, due_ns: int) -> int:
